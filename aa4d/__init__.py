@@ -1,3 +1,3 @@
-"""AdaAnchor4D: dynamic scenes from drone video (ACFA, DLGD, DACW), trained on CUDA or on a CPU rasteriser of its own."""
+"""AdaAnchor4D: dynamic scenes from drone video (ACFA, DLGD, DACW), trained with or without a GPU."""
 
 __version__ = "0.1.0"

@@ -3,3 +3,7 @@
 
 class InputError(Exception):
     """Bad input. The command line prints the message alone and exits with code 2."""
+
+
+class Interrupted(Exception):  # noqa: N818, it is no error
+    """Ctrl-C after all was saved. The command line prints the message and exits with code 130."""

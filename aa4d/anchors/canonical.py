@@ -1,0 +1,49 @@
+"""The canonical anchors: what each of them owns (paper, section 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from torch import Tensor, nn
+
+
+class Anchors(nn.Module):
+    """N anchors: centre, feature, K offsets, six log scales and the embeddings of ACFA and DLGD.
+
+    Centres are fixed, as in Scaffold-GS: offsets carry the geometry, and the field's query coordinates stay put.
+    """
+
+    position: Tensor  # [N, 3] model frame
+
+    def __init__(self, position: Tensor, log_scale: Tensor, offsets: int, feature_dim: int, embedding_dim: int) -> None:
+        super().__init__()
+        n = len(position)
+        self.register_buffer("position", position)
+        self.feature = nn.Parameter(torch.zeros(n, feature_dim))
+        self.offset = nn.Parameter(torch.zeros(n, offsets, 3))
+        self.log_scale = nn.Parameter(log_scale)  # [N, 6]
+        # The paper does not say how embeddings start; small noise lets anchors that share everything else differ.
+        for name in EMBEDDINGS:
+            self.register_parameter(name, nn.Parameter(0.01 * torch.randn(n, embedding_dim)))
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+
+EMBEDDINGS = ("embedding_acfa", "embedding_offset", "embedding_scale")
+
+
+def voxel_centres(points: NDArray[np.float64], voxel: float) -> NDArray[np.float64]:
+    """One centre for each occupied voxel, [M, 3], in a fixed order."""
+    return np.unique(np.round(points / voxel), axis=0) * voxel
+
+
+def spacing(position: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+    """Root mean squared distance to the three nearest neighbours, at least `floor`: duplicates give no -inf log."""
+    neighbours = min(3, len(position) - 1)
+    if neighbours < 1:
+        return np.full(len(position), floor)
+    distance, _ = KDTree(position).query(position, k=neighbours + 1)
+    return np.maximum(np.sqrt(np.square(distance[:, 1:]).mean(axis=1)), floor)

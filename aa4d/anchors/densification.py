@@ -1,0 +1,142 @@
+"""Growing and pruning of anchors after Scaffold-GS, on statistics gathered over the last iterations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from aa4d.raster.types import Camera, Gaussians, Rendering
+
+
+@dataclass
+class Statistics:
+    """What growing and pruning go by; all on the anchors' device."""
+
+    opacity: Tensor  # [N] sum of the local Gaussians' opacities
+    seen: Tensor  # [N] iterations in which the anchor was in view
+    gradient: Tensor  # [N, K] sum of screen-space gradient norms
+    drawn: Tensor  # [N, K] iterations in which the Gaussian was drawn
+
+    @staticmethod
+    def zeros(anchors: int, offsets: int) -> Statistics:
+        return Statistics(
+            torch.zeros(anchors), torch.zeros(anchors), torch.zeros(anchors, offsets), torch.zeros(anchors, offsets)
+        )
+
+    def add(self, position: Tensor, camera: Camera, gaussians: Gaussians, rendering: Rendering) -> None:
+        """After the backward pass of one image."""
+        drawn = (rendering.radii > 0).view_as(self.drawn)
+        visible = in_view(position, camera)
+        self.seen += visible
+        self.opacity += gaussians.opacities.detach().view_as(self.drawn).sum(1) * visible
+        self.drawn += drawn
+        self.gradient += torch.where(drawn, rendering.screen_gradient.view_as(self.drawn), 0)
+
+    def forget_judged(self, *, min_seen: float, min_drawn: float) -> None:
+        """Begin anew where a statistic has just been judged; rarely seen anchors go on gathering theirs."""
+        judged = self.seen > min_seen
+        self.seen[judged] = 0
+        self.opacity[judged] = 0
+        counted = self.drawn > min_drawn
+        self.drawn[counted] = 0
+        self.gradient[counted] = 0
+
+    def rows(self, rows: Tensor) -> Statistics:
+        """Those of other anchors: row i from row rows[i], or zero where rows[i] is -1."""
+        kept = (rows >= 0).float()
+        index = rows.clamp_min(0)
+        return Statistics(
+            self.opacity[index] * kept,
+            self.seen[index] * kept,
+            self.gradient[index] * kept[:, None],
+            self.drawn[index] * kept[:, None],
+        )
+
+
+def in_view(position: Tensor, camera: Camera) -> Tensor:
+    """Anchors whose centre projects into the image, [N] bool."""
+    x = position @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+    z = x[:, 2]
+    pixels = x @ camera.K.T / z.clamp_min(camera.near)[:, None]
+    inside = (pixels[:, :2] >= 0).all(1) & (pixels[:, 0] < camera.width) & (pixels[:, 1] < camera.height)
+    return inside & (z > camera.near)
+
+
+@dataclass(frozen=True)
+class Growth:
+    """New anchors: where, how large, and from whom they inherit feature and embeddings."""
+
+    position: Tensor  # [M, 3]
+    voxel: Tensor  # [M] edge of the voxel that each fills
+    parent: Tensor  # [M] index of an existing anchor
+
+
+def grow(
+    position: Tensor,
+    centres: Tensor,
+    statistics: Statistics,
+    *,
+    voxel: float,
+    voxel_factor: int,
+    levels: int,
+    gradient_threshold: float,
+    min_drawn: float,
+    limit: int,
+    generator: torch.Generator,
+) -> Growth:
+    """Anchors in empty voxels where local Gaussians have large screen-space gradients, coarse voxels first.
+
+    Level i has voxels of voxel * voxel_factor / 4^i (at least one voxel), twice the threshold of the level before,
+    and keeps a candidate with probability 1 - 0.5^(i + 1). A new anchor's parent is the anchor of the candidate with
+    the largest gradient in its voxel.
+
+    Args:
+        position: [N, 3] canonical anchor centres.
+        centres: [N, K, 3] canonical centres of their local Gaussians.
+        min_drawn: iterations that a Gaussian must have been drawn in for its statistic to count.
+        limit: at most so many new anchors.
+    """
+    gradient = statistics.gradient / statistics.drawn.clamp_min(1)
+    counted = statistics.drawn > min_drawn
+    occupied = position
+    grown: list[Growth] = []
+    room = limit
+    for level in range(levels):
+        edge = voxel * max(voxel_factor / 4**level, 1)
+        keep = torch.rand(gradient.shape, generator=generator) < 1 - 0.5 ** (level + 1)
+        candidates = (gradient >= gradient_threshold * 2**level) & counted & keep
+        found = _empty_voxels(centres, gradient, candidates, occupied, edge)
+        found = Growth(found.position[:room], found.voxel[:room], found.parent[:room])
+        if len(found.parent):
+            grown.append(found)
+            occupied = torch.cat([occupied, found.position])
+            room -= len(found.parent)
+    if not grown:
+        return Growth(position.new_zeros(0, 3), position.new_zeros(0), torch.zeros(0, dtype=torch.long))
+    return Growth(
+        torch.cat([g.position for g in grown]),
+        torch.cat([g.voxel for g in grown]),
+        torch.cat([g.parent for g in grown]),
+    )
+
+
+def _empty_voxels(centres: Tensor, gradient: Tensor, candidates: Tensor, occupied: Tensor, edge: float) -> Growth:
+    """Voxels that hold candidates and no anchor, strongest candidate first."""
+    anchor, offset = candidates.nonzero(as_tuple=True)
+    strength, order = gradient[anchor, offset].sort(descending=True, stable=True)
+    anchor, cells = anchor[order], torch.round(centres[anchor, offset][order] / edge)
+    unique, inverse = torch.unique(torch.cat([torch.round(occupied / edge), cells]), dim=0, return_inverse=True)
+    taken = torch.zeros(len(unique), dtype=torch.bool)
+    taken[inverse[: len(occupied)]] = True
+    cell_of = inverse[len(occupied) :]
+    first = torch.full((len(unique),), len(cells), dtype=torch.long)
+    first.scatter_reduce_(0, cell_of, torch.arange(len(cells)), "amin")
+    chosen = first[~taken].sort().values
+    return Growth(cells[chosen] * edge, strength.new_full((len(chosen),), edge), anchor[chosen])
+
+
+def transparent(statistics: Statistics, *, min_opacity: float, min_seen: float) -> Tensor:
+    """Anchors in view more than `min_seen` times whose Gaussians summed to less than `min_opacity` a time, [N] bool."""
+    return (statistics.seen > min_seen) & (statistics.opacity < min_opacity * statistics.seen)

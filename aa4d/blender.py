@@ -1,0 +1,54 @@
+"""Running the two Blender rooms, synth/ and addon/, as programs of their own: `aa4d` itself never imports bpy."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import FrameType
+
+from aa4d.errors import InputError
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def script(relative: str) -> Path:
+    """A script of the repository that this package is installed from."""
+    path = REPOSITORY / relative
+    if not path.exists():
+        raise InputError(f"{path}: not found; install aa4d from a checkout of the repository (pip install -e .)")
+    return path
+
+
+def run_in_blender(relative: str, *arguments: str) -> int:
+    """Run a script with the bpy module where it is installed, else in the Blender on PATH; returns its exit code.
+
+    The module comes first because its version is the one that constraints.txt pins and the tests run with.
+    """
+    path = str(script(relative))
+    if importlib.util.find_spec("bpy") is not None:
+        return run_forwarding_interrupts([sys.executable, path, *arguments])
+    blender = shutil.which("blender")
+    if blender is not None:
+        return run_forwarding_interrupts([blender, "-b", "-P", path, "--", *arguments])
+    raise InputError(
+        'Blender is not here; put `blender` on PATH, or install the module with pip install -e ".[blender]"'
+    )
+
+
+def run_forwarding_interrupts(command: list[str]) -> int:
+    """Run a child in a process group of its own and hand it each Ctrl-C once, so that it can end in its own time."""
+    child = subprocess.Popen(command, process_group=0)
+
+    def forward(number: int, _frame: FrameType | None) -> None:
+        child.send_signal(number)
+
+    before = {number: signal.signal(number, forward) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        return child.wait()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

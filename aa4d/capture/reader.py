@@ -1,0 +1,266 @@
+"""Reading a capture folder (docs/formats.md), checked before anything is trained on it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from plyfile import PlyData
+
+from aa4d.errors import InputError
+from aa4d.files import read_json_object
+
+CAPTURE_VERSION = 1
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    width: int
+    height: int
+    K: NDArray[np.float64]  # [3, 3] pixels
+
+    def as_json(self) -> dict[str, Any]:
+        return {"model": "PINHOLE", "width": self.width, "height": self.height, "K": self.K.tolist()}
+
+
+@dataclass(frozen=True)
+class Frame:
+    name: str
+    image: str  # path inside the capture
+    truth: str | None
+    time_s: float
+    t: float
+    split: str  # "train" or "test"
+    viewmat: NDArray[np.float64]  # [4, 4] world (metres) to camera
+
+    def as_json(self) -> dict[str, Any]:
+        """As the model file keeps it: without the path of the truth."""
+        return {
+            "name": self.name,
+            "image": self.image,
+            "time_s": self.time_s,
+            "t": self.t,
+            "split": self.split,
+            "viewmat": self.viewmat.tolist(),
+        }
+
+
+@dataclass(frozen=True)
+class Capture:
+    folder: Path
+    name: str
+    fingerprint: str  # of capture.json: tells one capture from another, and a re-rendered one from the first
+    fps: float
+    camera: PinholeCamera
+    frames: tuple[Frame, ...]
+    points: NDArray[np.float64]  # [P, 3] world metres
+    point_colors: NDArray[np.uint8]  # [P, 3] sRGB
+    tracks: str | None
+
+    def of_split(self, split: str) -> list[int]:
+        return [i for i, frame in enumerate(self.frames) if frame.split == split]
+
+
+def read_capture(folder: Path) -> Capture:
+    """Read and check everything but the pixels.
+
+    Raises:
+        InputError: names the file and the key that is missing, malformed or not finite.
+    """
+    index = folder / "capture.json"
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such capture folder; make one with `aa4d synth`")
+    if not index.exists():
+        raise InputError(f"{folder}: has no capture.json; if it is an unfinished capture, run the same synth again")
+    document = read_json_object(index, "the index of a capture")
+    if document.get("format") != "aa4d-capture":
+        raise InputError(f'{index}: key "format" is {document.get("format")!r}, expected "aa4d-capture"')
+    version = document.get("version")
+    if not isinstance(version, int) or version < 1 or version > CAPTURE_VERSION:
+        raise InputError(f"{index}: version {version!r} is not known here (newest: {CAPTURE_VERSION}); update aa4d")
+    camera = _camera(document, index)
+    frames = tuple(_frame(value, i, index) for i, value in enumerate(_list(document, "frames", index)))
+    _check_frames(frames, index)
+    fps = _number(document, "fps", index)
+    if fps <= 0:
+        raise InputError(f'{index}: key "fps" must be positive, found {fps}')
+    tracks = document.get("tracks")
+    points, colors = _points(folder / _inside(document.get("points"), "points", index))
+    return Capture(
+        folder=folder,
+        name=str(document.get("name", folder.name)),
+        fingerprint=hashlib.sha256(index.read_bytes()).hexdigest()[:16],
+        fps=fps,
+        camera=camera,
+        frames=frames,
+        points=points,
+        point_colors=colors,
+        tracks=None if tracks is None else _inside(tracks, "tracks", index),
+    )
+
+
+def read_image(capture: Capture, frame: Frame) -> NDArray[np.uint8]:
+    """[H, W, 3] sRGB. Raises InputError for a missing, truncated or wrongly sized image."""
+    path = capture.folder / frame.image
+    try:
+        with Image.open(path) as image:
+            pixels = np.asarray(image.convert("RGB"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: image of frame {frame.name!r} is missing; render or copy it again") from None
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{path}: image of frame {frame.name!r} cannot be read ({error}); make it again") from None
+    expected = (capture.camera.height, capture.camera.width)
+    if pixels.shape[:2] != expected:
+        raise InputError(
+            f"{path}: image is {pixels.shape[1]}x{pixels.shape[0]}, but the capture's camera says "
+            f"{expected[1]}x{expected[0]}; all frames must have that size"
+        )
+    return pixels
+
+
+def read_images(capture: Capture, frames: list[int]) -> NDArray[np.uint8]:
+    """[len(frames), H, W, 3] sRGB."""
+    return np.stack([read_image(capture, capture.frames[i]) for i in frames])
+
+
+def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
+    """Pixels of instances that move at that frame, [H, W]; None where the capture has no truth."""
+    truth = capture.frames[index].truth
+    if truth is None or capture.tracks is None:
+        return None
+    instance_id = _array(capture.folder / truth, "instance_id")
+    tracks = capture.folder / capture.tracks
+    ids, moving = _array(tracks, "instance_id"), _array(tracks, "moving")
+    expected = (capture.camera.height, capture.camera.width)
+    if instance_id.shape != expected:
+        raise InputError(f"{capture.folder / truth}: instance_id has shape {instance_id.shape}, expected {expected}")
+    if moving.shape != (len(capture.frames), len(ids)):
+        raise InputError(f"{tracks}: moving has shape {moving.shape}, expected {(len(capture.frames), len(ids))}")
+    return np.isin(instance_id, ids[moving[index]])
+
+
+def _array(path: Path, name: str) -> NDArray[Any]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return np.asarray(file[name])
+    except FileNotFoundError:
+        raise InputError(f"{path}: truth is missing; make the capture again") from None
+    except Exception as error:  # zipfile, zlib and numpy each raise their own kind for a damaged file
+        raise InputError(f"{path}: array {name!r} cannot be read ({error}); make the capture again") from None
+
+
+def _points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    try:
+        vertex = PlyData.read(str(path))["vertex"]
+        points = np.stack([np.asarray(vertex[axis], np.float64) for axis in "xyz"], axis=1)
+        colors = np.stack([np.asarray(vertex[c], np.uint8) for c in ("red", "green", "blue")], axis=1)
+    except FileNotFoundError:
+        raise InputError(f"{path}: the initial point cloud is missing") from None
+    except Exception as error:  # plyfile raises parse errors, KeyError and ValueError alike
+        raise InputError(f"{path}: not a point cloud with x y z red green blue ({error})") from None
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        raise InputError(f"{path}: point {bad[0]} is not finite; remove it from the point cloud")
+    if len(points) < 4:
+        raise InputError(f"{path}: holds {len(points)} points, at least 4 are needed to start from")
+    return points, colors
+
+
+def _camera(document: dict[str, Any], index: Path) -> PinholeCamera:
+    value = document.get("camera")
+    if not isinstance(value, dict):
+        raise InputError(f'{index}: key "camera" is missing or not an object')
+    if value.get("model") != "PINHOLE":
+        raise InputError(f'{index}: camera model {value.get("model")!r} is not supported, expected "PINHOLE"')
+    width, height = value.get("width"), value.get("height")
+    if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
+        raise InputError(f"{index}: camera width and height must be positive integers, found {width!r} x {height!r}")
+    K = _matrix(value.get("K"), (3, 3), "camera K", index)
+    if K[0, 0] <= 0 or K[1, 1] <= 0:
+        raise InputError(f"{index}: camera K has a focal length that is not positive")
+    return PinholeCamera(width, height, K)
+
+
+def _frame(value: Any, number: int, index: Path) -> Frame:
+    if not isinstance(value, dict):
+        raise InputError(f"{index}: frame {number} is not an object")
+    label = f"frame {value.get('name', number)!r}"
+    if value.get("viewmat") is None:
+        raise InputError(f"{index}: {label} has no pose (viewmat); remove the frame or add its pose")
+    viewmat = _matrix(value["viewmat"], (4, 4), f"viewmat of {label}", index)
+    rotation = viewmat[:3, :3]
+    rigid = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-4 and np.linalg.det(rotation) > 0
+    if not rigid or np.abs(viewmat[3] - [0, 0, 0, 1]).max() > 1e-9:
+        raise InputError(f"{index}: viewmat of {label} is not a rotation and a translation")
+    split = value.get("split")
+    if split not in ("train", "test"):
+        raise InputError(f'{index}: split of {label} is {split!r}, expected "train" or "test"')
+    truth = value.get("truth")
+    return Frame(
+        name=str(value.get("name", number)),
+        image=_inside(value.get("image"), f"image of {label}", index),
+        truth=None if truth is None else _inside(truth, f"truth of {label}", index),
+        time_s=_number(value, "time_s", index, label),
+        t=_number(value, "t", index, label),
+        split=split,
+        viewmat=viewmat,
+    )
+
+
+def _check_frames(frames: tuple[Frame, ...], index: Path) -> None:
+    if not any(frame.split == "train" for frame in frames):
+        raise InputError(f"{index}: has no training frame; at least one is needed")
+    names = [frame.name for frame in frames]
+    repeated = {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else set()
+    if repeated:
+        raise InputError(f"{index}: frame name {sorted(repeated)[0]!r} stands twice")
+    for before, after in pairwise(frames):
+        if not before.t < after.t:
+            raise InputError(f"{index}: t of frame {after.name!r} does not follow that of {before.name!r}")
+    for frame in frames:
+        if not 0.0 <= frame.t <= 1.0:
+            raise InputError(f"{index}: t of frame {frame.name!r} is {frame.t}, outside [0, 1]")
+
+
+def _inside(value: Any, what: str, index: Path) -> str:
+    """A relative path that stays in the capture folder."""
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{index}: {what} is missing or not a path")
+    path = PurePosixPath(value)
+    if path.is_absolute() or ".." in path.parts or "\\" in value or ":" in value:
+        raise InputError(f"{index}: {what} is {value!r}, which leaves the capture folder")
+    return value
+
+
+def _list(document: dict[str, Any], key: str, index: Path) -> list[Any]:
+    value = document.get(key)
+    if not isinstance(value, list) or not value:
+        raise InputError(f'{index}: key "{key}" is missing or empty')
+    return value
+
+
+def _number(document: dict[str, Any], key: str, index: Path, label: str = "") -> float:
+    value = document.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        where = f" of {label}" if label else ""
+        raise InputError(f'{index}: key "{key}"{where} must be a finite number, found {value!r}')
+    return float(value)
+
+
+def _matrix(value: Any, shape: tuple[int, int], what: str, index: Path) -> NDArray[np.float64]:
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{index}: {what} is not a {shape[0]}x{shape[1]} matrix of numbers") from None
+    if matrix.shape != shape:
+        raise InputError(f"{index}: {what} has shape {matrix.shape}, expected {shape}")
+    if not np.isfinite(matrix).all():
+        raise InputError(f"{index}: {what} holds NaN or infinity")
+    return matrix

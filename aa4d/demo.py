@@ -1,0 +1,161 @@
+"""`aa4d demo`: a scene file becomes a scene you can scrub in Blender. Each stage runs only when its inputs changed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from aa4d.blender import run_forwarding_interrupts, run_in_blender, script
+from aa4d.capture.reader import read_capture
+from aa4d.errors import InputError, Interrupted
+from aa4d.evaluation.evaluate import evaluate
+from aa4d.files import make_folder, write_json
+from aa4d.model_file import copy_model
+from aa4d.report import write_report
+from aa4d.training.config import PRESETS
+from aa4d.training.trainer import Progress, train
+
+MakeTrainingProgress = Callable[[], AbstractContextManager[Progress]]
+MakeStepProgress = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
+
+PRESET = "quick"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A step whose outputs are files; it is done when all of them are newer than all inputs."""
+
+    name: str
+    says: str
+    inputs: tuple[Path, ...]
+    outputs: tuple[Path, ...]
+    run: Callable[[], None]
+
+    def is_done(self) -> bool:
+        if not all(path.exists() for path in self.outputs):
+            return False
+        newest_input = max(path.stat().st_mtime_ns for path in self.inputs)
+        return min(path.stat().st_mtime_ns for path in self.outputs) >= newest_input
+
+
+def run_demo(
+    scene: Path,
+    out: Path,
+    console: Console,
+    training_progress: MakeTrainingProgress,
+    step_progress: MakeStepProgress,
+) -> None:
+    """Raises InputError or Interrupted as its stages do; the same command continues at the stage that was stopped."""
+    if not scene.is_file():
+        raise InputError(f"{scene}: no such scene file; scenes/ holds some")
+    make_folder(out)
+    clock = StageClock(out / "seconds.json")
+    for stage in stages(scene, out, clock, training_progress, step_progress):
+        if stage.is_done():
+            console.print(
+                f"[bold]{stage.name}[/bold]: done before ({clock.seconds[stage.name]:.0f} s)", highlight=False
+            )
+            continue
+        console.print(f"[bold]{stage.name}[/bold]: {stage.says}", highlight=False)
+        with clock.running(stage.name):
+            stage.run()
+    console.print(
+        f"\nreport:   {out / 'report.html'}\nBlender:  {out / 'flyover.blend'}\nmodel:    {out / 'model.safetensors'}",
+        highlight=False,
+    )
+
+
+def stages(
+    scene: Path,
+    out: Path,
+    clock: StageClock,
+    training_progress: MakeTrainingProgress,
+    step_progress: MakeStepProgress,
+) -> list[Stage]:
+    capture, run = out / "capture", out / "run"
+    model, metrics = out / "model.safetensors", out / "metrics.json"
+    extension, blend, picture = out / "adaanchor4d.zip", out / "flyover.blend", out / "flyover.png"
+    addon = (*sorted(script("addon").rglob("*.py")), script("blender_manifest.toml"))
+
+    def synthesise() -> None:
+        check(run_in_blender("synth/render_flyover.py", str(scene), "--out", str(capture)))
+
+    def fit() -> None:
+        with training_progress() as progress:
+            copy_model(train(read_capture(capture), run, PRESETS[PRESET], progress), model)
+
+    def score() -> None:
+        with step_progress("held-out frames") as progress:
+            evaluate(run, capture, progress)
+        shutil.copyfile(run / "metrics.json", metrics)
+
+    def package() -> None:
+        check(run_forwarding_interrupts([sys.executable, str(script("addon/build_extension.py")), str(extension)]))
+
+    def show() -> None:
+        arguments = (str(model), "--extension", str(extension), "--out", str(blend), "--render", str(picture))
+        check(run_in_blender("addon/make_flyover_blend.py", *arguments))
+
+    def report() -> None:
+        measured = json.loads(metrics.read_text(encoding="utf-8"))
+        summary = summarise(measured, clock.seconds)
+        write_json(out / "summary.json", summary)
+        write_report(out / "report.html", read_capture(capture), run / "eval", measured, clock.seconds, picture)
+
+    return [
+        Stage("synthesis", f"Blender renders {scene}", (scene,), (capture / "capture.json",), synthesise),
+        Stage("training", "coarse, then fine stage", (capture / "capture.json",), (model,), fit),
+        Stage("evaluation", "held-out frames against truth", (model,), (metrics,), score),
+        Stage("extension", "packaging the Blender extension", addon, (extension,), package),
+        Stage("blend", "Blender imports the model and renders a frame", (model, extension), (blend, picture), show),
+        Stage("report", "pictures and tables", (metrics, blend), (out / "report.html", out / "summary.json"), report),
+    ]
+
+
+def summarise(metrics: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:
+    keys = ("psnr", "psnr_dynamic", "psnr_dynamic_static", "ssim", "fps", "anchors", "gaussians", "neural_mib")
+    return {key: metrics[key] for key in keys} | {"seconds": {name: round(s, 1) for name, s in seconds.items()}}
+
+
+def check(code: int) -> None:
+    """A child that failed has said why on its own."""
+    if code in (130, -2):
+        raise Interrupted("stopped; the same command continues from there")
+    if code != 0:
+        raise InputError(f"that stage ended with exit code {code}; its message stands above")
+
+
+class StageClock:
+    """Wall seconds of every stage, kept in a file; the parts of a stage that was stopped and continued add up."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stopped: dict[str, float] = {}
+        self.seconds: dict[str, float] = {}
+        if path.exists():
+            kept = json.loads(path.read_text(encoding="utf-8"))
+            self.seconds, self._stopped = kept["done"], kept["stopped"]
+
+    @contextmanager
+    def running(self, stage: str) -> Iterator[None]:
+        started = time.perf_counter()
+        before = self._stopped.pop(stage, 0.0)
+        self.seconds.pop(stage, None)
+        try:
+            yield
+        except BaseException:
+            self._stopped[stage] = before + time.perf_counter() - started
+            raise
+        else:
+            self.seconds[stage] = before + time.perf_counter() - started
+        finally:
+            write_json(self._path, {"done": self.seconds, "stopped": self._stopped})

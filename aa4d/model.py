@@ -1,0 +1,88 @@
+"""AdaAnchor4D: the modules of the paper tied together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from aa4d.anchors.canonical import Anchors
+from aa4d.anchors.decoding import AnchorState, Decoder
+from aa4d.field.aggregation import AnchorConditionedAggregation
+from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
+from aa4d.field.mlp import TwoLayer
+from aa4d.field.planes import FeaturePlanes
+from aa4d.field.warping import CoordinateWarp
+from aa4d.raster.types import Camera, Gaussians
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """Sizes. Marked [paper] where the paper states them; the others are 4D-GS's and Scaffold-GS's usual ones."""
+
+    offsets: int = 10  # K
+    feature_dim: int = 32
+    embedding_dim: int = 32  # [paper]
+    plane_dim: int = 16  # C
+    spatial_resolutions: tuple[int, ...] = (64, 128)  # one a level
+    temporal_resolution: int = 25
+    bins: int = 64  # [paper] of DACW
+    weight_hidden: int = 256  # [paper] of Phi_w
+    geometry_hidden: int = 128  # [paper] of Phi_o, Phi_s
+    encoder_width: int = 128
+    decoder_hidden: int = 32
+
+
+class AdaAnchor4D(nn.Module):
+    """Anchors, the shared field and the networks. Module names are the tensor names of docs/formats.md."""
+
+    def __init__(self, config: ModelConfig, anchors: Anchors) -> None:
+        super().__init__()
+        c = config
+        self.config = config
+        self.anchors = anchors
+        self.field = FeaturePlanes(c.plane_dim, c.spatial_resolutions, c.temporal_resolution)
+        self.warp = CoordinateWarp(c.bins)
+        self.acfa = AnchorConditionedAggregation(c.embedding_dim, c.weight_hidden, c.plane_dim)
+        self.encoder = nn.Linear(c.plane_dim * self.field.levels, c.encoder_width)  # Phi_enc
+        nn.init.xavier_uniform_(self.encoder.weight)
+        nn.init.zeros_(self.encoder.bias)
+        # The paper zero-initialises Phi_w, Phi_o and Phi_s only. Phi_x and Phi_f start at zero here as well, so that
+        # the fine stage begins exactly where the coarse stage ended.
+        self.head_position = TwoLayer(c.encoder_width, c.encoder_width, 3, zero_output=True)  # Phi_x
+        self.head_feature = TwoLayer(c.encoder_width, c.encoder_width, c.feature_dim, zero_output=True)  # Phi_f
+        self.dlgd_offset = OffsetDeformation(c.embedding_dim, c.geometry_hidden, c.offsets)  # Phi_o
+        self.dlgd_scale = ScaleDeformation(c.embedding_dim, c.geometry_hidden)  # Phi_s
+        self.decoder = Decoder(c.feature_dim, c.offsets, c.decoder_hidden)
+
+    def canonical(self) -> AnchorState:
+        a = self.anchors
+        return AnchorState(a.position, a.feature, a.offset, a.log_scale.exp())
+
+    def deformed(self, t: float) -> AnchorState:
+        """A_i(t) for one t in [0, 1] (paper, sections 4.2 to 4.4)."""
+        a = self.anchors
+        u = self.warp(self.field.normalise(a.position))
+        h = self.acfa(self.field(u, t), a.embedding_acfa, t)
+        z = torch.relu(self.encoder(h))
+        return AnchorState(
+            position=a.position + self.head_position(z),
+            feature=a.feature + self.head_feature(z),
+            offset=a.offset + self.dlgd_offset(a.embedding_offset, t),
+            scale=(a.log_scale + self.dlgd_scale(a.embedding_scale, t)).exp(),
+        )
+
+    def gaussians(self, t: float | None, camera: Camera) -> Gaussians:
+        """What that camera draws at time t; at t = None the canonical scene (the coarse stage)."""
+        state = self.canonical() if t is None else self.deformed(t)
+        return self.decoder(state, camera_centre(camera))
+
+    def networks_and_planes(self) -> list[Tensor]:
+        """What "neural size" counts in the field's tables: everything but the anchors' own attributes."""
+        return [p for name, p in self.state_dict().items() if not name.startswith("anchors.")]
+
+
+def camera_centre(camera: Camera) -> Tensor:
+    """-R^T T, [3]."""
+    return -camera.viewmat[:3, :3].T @ camera.viewmat[:3, 3]

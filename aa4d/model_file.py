@@ -1,0 +1,178 @@
+"""The model file: safetensors with a JSON header (docs/formats.md). Nothing here unpickles."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from aa4d import __version__
+from aa4d.anchors.canonical import Anchors
+from aa4d.capture.frame import ModelFrame
+from aa4d.capture.reader import Capture
+from aa4d.errors import InputError
+from aa4d.files import whole_file
+from aa4d.model import AdaAnchor4D, ModelConfig
+
+MODEL_VERSION = 1
+
+
+@dataclass(frozen=True)
+class LoadedModel:
+    model: AdaAnchor4D
+    header: dict[str, Any]  # the `aa4d` object of docs/formats.md
+    path: Path
+
+    @property
+    def frame(self) -> ModelFrame:
+        return ModelFrame.from_matrix(np.array(self.header["model_to_world"], np.float64))
+
+    @property
+    def is_static(self) -> bool:
+        return bool(self.header["stage"] == "coarse")
+
+    @property
+    def capture_folder(self) -> Path | None:
+        capture = self.header.get("capture")
+        return None if capture is None else (self.path.parent / capture).resolve()
+
+
+def file_name_of(parameter: str) -> str:
+    """The tensor's name in the file for a name in the module's state."""
+    return parameter.replace("decoder.", "decoder_", 1)
+
+
+def save_model(
+    path: Path,
+    model: AdaAnchor4D,
+    *,
+    stage: str,
+    capture: Capture,
+    frame: ModelFrame,
+    background: tuple[float, float, float],
+    training: dict[str, Any],
+) -> None:
+    c = model.config
+    header = {
+        "format": "aa4d-model",
+        "version": MODEL_VERSION,
+        "generator": f"aa4d {__version__}",
+        "stage": stage,
+        "config": {
+            "offsets": c.offsets,
+            "feature_dim": c.feature_dim,
+            "embedding_dim": c.embedding_dim,
+            "plane_dim": c.plane_dim,
+            "levels": len(c.spatial_resolutions),
+            "bins": c.bins,
+            "aggregation": "acfa",
+            "dlgd": True,
+            "dacw": True,
+        },
+        "model_to_world": frame.matrix().tolist(),
+        "fps": capture.fps,
+        "camera": capture.camera.as_json(),
+        "frames": [f.as_json() for f in capture.frames],
+        "capture": _relative(capture.folder, path.parent),
+        "background": list(background),
+        "training": training,
+    }
+    tensors = {file_name_of(name): value.detach().contiguous() for name, value in model.state_dict().items()}
+    _write(path, tensors, header)
+
+
+def copy_model(source: Path, target: Path) -> None:
+    """A copy at another place, its path to the capture mended."""
+    loaded_header, tensors = read_tensors(source)
+    capture = loaded_header.get("capture")
+    if capture is not None:
+        loaded_header["capture"] = _relative((source.parent / capture).resolve(), target.parent)
+    _write(target, tensors, loaded_header)
+
+
+def load_model(path: Path) -> LoadedModel:
+    """Raises InputError: absent, cut short, not safetensors, of a newer version, or not a whole model."""
+    header, tensors = read_tensors(path)
+    config = _config(header, tensors, path)
+    n = len(_tensor(tensors, "anchors.position", path))
+    anchors = Anchors(torch.zeros(n, 3), torch.zeros(n, 6), config.offsets, config.feature_dim, config.embedding_dim)
+    model = AdaAnchor4D(config, anchors)
+    state = {name: _tensor(tensors, file_name_of(name), path) for name in model.state_dict()}
+    for name, value in state.items():
+        if not torch.isfinite(value).all():
+            raise InputError(f"{path}: tensor {file_name_of(name)!r} holds NaN or infinity; train the model again")
+    try:
+        model.load_state_dict(state)
+    except RuntimeError as error:
+        reason = str(error).splitlines()[-1].strip()
+        raise InputError(f"{path}: the tensors do not fit the header's configuration ({reason})") from None
+    return LoadedModel(model.eval(), header, path)
+
+
+def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """The checked `aa4d` header and all tensors of a model file."""
+    try:
+        with safe_open(str(path), framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such model file; make one with `aa4d train`") from None
+    except (SafetensorError, OSError, ValueError, struct.error) as error:
+        raise InputError(f"{path}: not a whole safetensors file ({error}); copy or train it again") from None
+    try:
+        header = json.loads(metadata["aa4d"])
+        kind, version = header["format"], header["version"]
+    except (KeyError, TypeError, json.JSONDecodeError):
+        raise InputError(f"{path}: a safetensors file, but not an AdaAnchor4D model (no aa4d header)") from None
+    if kind != "aa4d-model":
+        raise InputError(f"{path}: the header says format {kind!r}, expected 'aa4d-model'")
+    if not isinstance(version, int) or version > MODEL_VERSION:
+        raise InputError(f"{path}: model version {version!r} is newer than this aa4d reads ({MODEL_VERSION}); update")
+    return header, tensors
+
+
+def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> ModelConfig:
+    """Sizes that the header does not state stand in the tensors' shapes."""
+    try:
+        value = header["config"]
+        levels = range(int(value["levels"]))
+        planes = [_tensor(tensors, f"field.planes.{level}.xt", path) for level in levels]
+        return ModelConfig(
+            offsets=int(value["offsets"]),
+            feature_dim=int(value["feature_dim"]),
+            embedding_dim=int(value["embedding_dim"]),
+            plane_dim=int(value["plane_dim"]),
+            spatial_resolutions=tuple(p.shape[2] for p in planes),
+            temporal_resolution=planes[0].shape[1],
+            bins=int(value["bins"]),
+            weight_hidden=len(_tensor(tensors, "acfa.hidden.bias", path)),
+            geometry_hidden=len(_tensor(tensors, "dlgd_scale.hidden.bias", path)),
+            encoder_width=len(_tensor(tensors, "encoder.bias", path)),
+            decoder_hidden=len(_tensor(tensors, "decoder_opacity.hidden.bias", path)),
+        )
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: the header's config is incomplete ({error!r}); train the model again") from None
+
+
+def _tensor(tensors: dict[str, Tensor], name: str, path: Path) -> Tensor:
+    if name not in tensors:
+        raise InputError(f"{path}: tensor {name!r} is missing; train the model again")
+    return tensors[name].float()
+
+
+def _relative(target: Path, start: Path) -> str:
+    return Path(os.path.relpath(target.resolve(), start.resolve())).as_posix()
+
+
+def _write(path: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> None:
+    with whole_file(path) as temporary:
+        save_file(tensors, str(temporary), metadata={"aa4d": json.dumps(header, allow_nan=False)})

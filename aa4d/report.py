@@ -1,0 +1,101 @@
+"""The demo's report: one HTML file that holds its pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from aa4d.capture.reader import Capture, moving_mask, read_image
+from aa4d.files import write_text
+
+PICTURED_FRAMES = 3
+ERROR_GAIN = 4  # an error of a quarter of the range is the top of the colour scale
+
+
+def write_report(
+    path: Path,
+    capture: Capture,
+    renders: Path,
+    metrics: dict[str, Any],
+    seconds: dict[str, float],
+    blender_picture: Path,
+) -> None:
+    """Write `path` from the renders of `aa4d eval` (NAME.png and NAME_static.png in `renders`)."""
+    environment = Environment(loader=PackageLoader("aa4d", "."), autoescape=True, undefined=StrictUndefined)
+    html = environment.get_template("report.html.jinja").render(
+        name=capture.name,
+        frames=[_row(capture, renders, score) for score in spread(metrics["frames"], PICTURED_FRAMES)],
+        metrics=metrics,
+        seconds=seconds,
+        total=sum(seconds.values()),
+        plot=_plot(metrics["frames"]),
+        blender=_data_uri(np.asarray(Image.open(blender_picture).convert("RGB"))),
+        train_frames=len(capture.of_split("train")),
+        gain=ERROR_GAIN,
+    )
+    write_text(path, html)
+
+
+def spread(frames: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
+    """`count` of the frames that have moving pixels (of all, where none has), evenly over time, ends left out."""
+    moving = [f for f in frames if f["moving_share"]] or frames
+    positions = np.linspace(0, len(moving) - 1, count + 2)[1:-1].round().astype(int)
+    return [moving[i] for i in sorted(set(positions.tolist()))]
+
+
+def _row(capture: Capture, renders: Path, score: dict[str, Any]) -> dict[str, Any]:
+    index = next(i for i, frame in enumerate(capture.frames) if frame.name == score["frame"])
+    truth = read_image(capture, capture.frames[index])
+    render = np.asarray(Image.open(renders / f"{score['frame']}.png"))
+    static_path = renders / f"{score['frame']}_static.png"
+    mask = moving_mask(capture, index)
+    return {
+        "score": score,
+        "truth": _data_uri(truth),
+        "render": _data_uri(render),
+        "static": _data_uri(np.asarray(Image.open(static_path))) if static_path.exists() else None,
+        "error": _data_uri(_error_picture(truth, render)),
+        "moving": None if mask is None else _data_uri(np.where(mask[..., None], truth, truth // 4)),
+    }
+
+
+def _error_picture(truth: NDArray[np.uint8], render: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    error = np.abs(truth.astype(np.float32) - render).mean(axis=2) / 255
+    colors = matplotlib.colormaps["inferno"](np.clip(error * ERROR_GAIN, 0, 1))
+    return (colors[..., :3] * 255).round().astype(np.uint8)
+
+
+def _plot(frames: list[dict[str, Any]]) -> str:
+    """PSNR of every held-out frame, whole image and moving pixels, as SVG."""
+    figure = Figure(figsize=(7, 2.6), layout="constrained")
+    axes = figure.add_subplot()
+    series = (
+        ("psnr", "whole image", "C0", "-"),
+        ("psnr_dynamic", "moving pixels", "C1", "-"),
+        ("psnr_dynamic_static", "moving pixels, coarse stage", "C1", ":"),
+    )
+    for key, label, color, style in series:
+        points = [(f["t"], f[key]) for f in frames if f[key] is not None]
+        if points:
+            axes.plot(*zip(*points, strict=True), style, marker="o", markersize=4, color=color, label=label)
+    axes.set(xlabel="t", ylabel="PSNR, dB")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg")
+    return buffer.getvalue()[buffer.getvalue().index("<svg") :]
+
+
+def _data_uri(image: NDArray[np.uint8]) -> str:
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, format="PNG")
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

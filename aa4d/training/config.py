@@ -1,0 +1,107 @@
+"""Every training setting and its preset.
+
+Learning rates and sizes hold in the model frame (aa4d/capture/frame.py), where the scene is at unit depth: none of
+them depends on metres. Values that the paper states are marked [paper]; the others follow Scaffold-GS, 4D-GS and
+MoDec-GS, or were chosen here and are marked [chosen].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+
+@dataclass(frozen=True)
+class Decay:
+    """A learning rate that falls exponentially from `initial` to `final` over its stage."""
+
+    initial: float
+    final: float
+
+    def at(self, progress: float) -> float:
+        """progress in [0, 1]"""
+        return float(self.initial * (self.final / self.initial) ** progress)
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """One for each parameter group, by the name of the module or anchor attribute."""
+
+    offset: Decay = Decay(0.01, 1e-4)
+    feature: Decay = Decay(0.0075, 0.0075)
+    log_scale: Decay = Decay(0.007, 0.007)
+    embedding: Decay = Decay(0.0075, 7.5e-4)  # [chosen]
+    planes: Decay = Decay(1.6e-2, 1.6e-3)  # [chosen] 10 x 4D-GS, whose rates scale with the extent of the scene
+    deformation: Decay = Decay(1.6e-3, 1.6e-4)  # [chosen] likewise
+    decoder_opacity: Decay = Decay(0.002, 2e-5)
+    decoder_color: Decay = Decay(0.008, 5e-5)
+    decoder_covariance: Decay = Decay(0.004, 0.004)
+
+
+@dataclass(frozen=True)
+class Densification:
+    """Growing and pruning of anchors (Scaffold-GS). Iterations count within a stage."""
+
+    statistics_from: int = 500
+    start: int = 1500
+    interval: int = 100
+    until: int = 15000
+    gradient_threshold: float = 2e-4  # of the screen-space gradient, normalised device units
+    seen_share: float = 0.8  # of an interval's iterations, before a statistic counts
+    min_opacity: float = 0.005
+    levels: int = 3
+    voxel_factor: int = 16  # of the coarsest level; each further level is 4 times finer
+    max_anchors: int = 200_000  # [chosen] a bound on memory
+
+
+@dataclass(frozen=True)
+class WarpSettings:
+    """DACW: what the paper leaves open (64 bins are the model's)."""
+
+    smoothing: float = 1.5  # [chosen] bins
+    gamma: float = 1.0  # [chosen]
+    lambda_min: float = 0.2  # [chosen]
+    lambda_max: float = 0.8  # [chosen]
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Of image and plane terms (0.8 L1 + 0.2 D-SSIM + volume as Scaffold-GS; planes as MoDec-GS's local field)."""
+
+    dssim: float = 0.2
+    volume: float = 0.01
+    plane_smoothness: float = 2e-4
+    time_smoothness: float = 1e-3
+    time_constancy: float = 1e-4
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    preset: str
+    coarse_iterations: int
+    fine_iterations: int
+    seed: int = 0
+    voxel_px: float = 2.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
+    checkpoint_every: int = 500
+    rates: LearningRates = field(default_factory=LearningRates)
+    densification: Densification = field(default_factory=Densification)
+    warp: WarpSettings = field(default_factory=WarpSettings)
+    loss: LossWeights = field(default_factory=LossWeights)
+
+    def iterations(self, stage: str) -> int:
+        return self.coarse_iterations if stage == "coarse" else self.fine_iterations
+
+
+PRESETS = {
+    "quick": TrainingConfig(
+        preset="quick",
+        coarse_iterations=800,
+        fine_iterations=3000,
+        densification=replace(Densification(), statistics_from=100, start=300, until=1800, voxel_factor=4),
+    ),
+    "paper": TrainingConfig(preset="paper", coarse_iterations=3000, fine_iterations=30000),  # [paper]
+}
+
+
+def temporal_resolution(frames: int) -> int:
+    """Half the number of frames, as 4D-GS advises, within what its configurations use."""
+    return min(max(round(frames / 2), 25), 150)
