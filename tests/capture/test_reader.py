@@ -1,0 +1,134 @@
+"""The capture reader accepts what docs/formats.md describes and refuses the rest in one sentence."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from aa4d.capture.reader import moving_mask, read_capture, read_image, read_images
+from aa4d.errors import InputError
+
+
+def edit(folder: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    document = json.loads((folder / "capture.json").read_text())
+    change(document)
+    (folder / "capture.json").write_text(json.dumps(document))
+
+
+def test_reads_frames_points_splits_and_truth(toy_capture: Path) -> None:
+    capture = read_capture(toy_capture)
+    assert len(capture.frames) == 10
+    assert capture.of_split("test") == [0, 8]
+    assert capture.points.shape == (27 * 17, 3)
+    assert read_images(capture, [0, 1]).shape == (2, 32, 48, 3)
+    mask = moving_mask(capture, 5)
+    assert mask is not None
+    # A square of 3 m at 2 px a metre.
+    assert 30 <= mask.sum() <= 42
+
+
+def test_moving_pixels_are_those_of_instances_that_move_at_that_frame(toy_capture: Path) -> None:
+    tracks = dict(np.load(toy_capture / "truth/tracks.npz"))
+    tracks["moving"][5] = False
+    np.savez(toy_capture / "truth/tracks.npz", **tracks)
+    capture = read_capture(toy_capture)
+    at_rest, moving = moving_mask(capture, 5), moving_mask(capture, 6)
+    assert at_rest is not None
+    assert moving is not None
+    assert at_rest.sum() == 0
+    assert moving.sum() > 0
+
+
+def test_fingerprint_changes_with_the_index(toy_capture: Path) -> None:
+    before = read_capture(toy_capture).fingerprint
+    edit(toy_capture, lambda d: d.update(fps=12.0))
+    assert read_capture(toy_capture).fingerprint != before
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d["frames"][3].pop("viewmat"), "frame '000003' has no pose"),
+        (lambda d: d["frames"][3]["viewmat"][0].__setitem__(3, math.nan), "viewmat of frame '000003' holds NaN"),
+        (lambda d: d["frames"][3]["viewmat"][0].__setitem__(0, 2.0), "not a rotation"),
+        (lambda d: d["frames"][3].update(viewmat=[[1, 2], [3, 4]]), "shape"),
+        (lambda d: d["frames"][3].update(image="../../secret.png"), "leaves the capture folder"),
+        (lambda d: d["frames"][3].update(image="/etc/passwd"), "leaves the capture folder"),
+        (lambda d: d["frames"][3].update(split="validation"), 'expected "train" or "test"'),
+        (lambda d: d["frames"][3].update(t=0.0), "does not follow"),
+        (lambda d: d["frames"][3].update(t=math.inf), "finite number"),
+        (lambda d: d["frames"][3].update(name="000002"), "stands twice"),
+        (lambda d: d["frames"].clear(), '"frames" is missing or empty'),
+        (lambda d: [f.update(split="test") for f in d["frames"]], "no training frame"),
+        (lambda d: d.update(version=2), "update aa4d"),
+        (lambda d: d.update(format="zip"), "aa4d-capture"),
+        (lambda d: d.update(fps=0), "positive"),
+        (lambda d: d["camera"].update(model="FISHEYE"), "FISHEYE"),
+        (lambda d: d["camera"].update(width=-3), "positive integers"),
+        (lambda d: d["camera"]["K"][0].__setitem__(0, 0), "focal length"),
+        (lambda d: d.pop("points"), "points is missing"),
+    ],
+)
+def test_malformed_index_is_refused_with_file_and_key(
+    toy_capture: Path, change: Callable[[dict[str, Any]], None], says: str
+) -> None:
+    edit(toy_capture, change)
+    with pytest.raises(InputError, match=r"capture\.json") as refusal:
+        read_capture(toy_capture)
+    assert says in str(refusal.value)
+
+
+def test_missing_image_is_named(toy_capture: Path) -> None:
+    (toy_capture / "frames/000004.png").unlink()
+    capture = read_capture(toy_capture)
+    with pytest.raises(InputError, match=r"000004.png: image of frame '000004' is missing"):
+        read_image(capture, capture.frames[4])
+
+
+def test_truncated_image_is_named(toy_capture: Path) -> None:
+    path = toy_capture / "frames/000004.png"
+    path.write_bytes(path.read_bytes()[:200])
+    capture = read_capture(toy_capture)
+    with pytest.raises(InputError, match=r"000004.png: .* cannot be read"):
+        read_image(capture, capture.frames[4])
+
+
+def test_image_of_another_size_is_named(toy_capture: Path) -> None:
+    Image.new("RGB", (10, 10)).save(toy_capture / "frames/000004.png")
+    capture = read_capture(toy_capture)
+    with pytest.raises(InputError, match="image is 10x10, but the capture's camera says 48x32"):
+        read_image(capture, capture.frames[4])
+
+
+def test_damaged_truth_is_named(toy_capture: Path) -> None:
+    path = toy_capture / "truth/000004.npz"
+    path.write_bytes(path.read_bytes()[:100])
+    capture = read_capture(toy_capture)
+    with pytest.raises(InputError, match=r"000004.npz"):
+        moving_mask(capture, 4)
+
+
+def test_pickled_truth_is_refused(toy_capture: Path) -> None:
+    np.savez(toy_capture / "truth/000004.npz", instance_id=np.array([{"code": 1}], dtype=object))
+    capture = read_capture(toy_capture)
+    with pytest.raises(InputError, match=r"000004.npz"):
+        moving_mask(capture, 4)
+
+
+@pytest.mark.parametrize("content", [b"", b"ply\nformat ascii 1.0\nelement vertex 9\n", b"\x00" * 64])
+def test_damaged_point_cloud_is_named(toy_capture: Path, content: bytes) -> None:
+    (toy_capture / "points.ply").write_bytes(content)
+    with pytest.raises(InputError, match=r"points\.ply"):
+        read_capture(toy_capture)
+
+
+def test_a_folder_that_is_no_capture_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such capture folder"):
+        read_capture(tmp_path / "absent")
+    with pytest.raises(InputError, match=r"no capture\.json"):
+        read_capture(tmp_path)

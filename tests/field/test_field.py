@@ -1,0 +1,129 @@
+"""Planes, ACFA and DLGD against slow float64 transcriptions of the paper's equations."""
+
+import numpy as np
+import pytest
+import torch
+
+from aa4d.field.aggregation import AnchorConditionedAggregation
+from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
+from aa4d.field.planes import AXES, PLANES, FeaturePlanes, interpolate, regularisation, smoothness
+
+
+@pytest.fixture
+def field() -> FeaturePlanes:
+    torch.manual_seed(0)
+    field = FeaturePlanes(3, (4, 8), 5).double()
+    with torch.no_grad():
+        for parameter in field.parameters():
+            parameter.uniform_(-1, 1)
+    return field
+
+
+def bilinear(plane: np.ndarray, x: float, y: float) -> np.ndarray:
+    """One query, texel by texel: plane [C, R2, R1], x along R1."""
+    column, row = ((c + 1) / 2 * (n - 1) for c, n in ((x, plane.shape[2]), (y, plane.shape[1])))
+    c0, r0 = min(int(column), plane.shape[2] - 2), min(int(row), plane.shape[1] - 2)
+    a, b = column - c0, row - r0
+    top = (1 - a) * plane[:, r0, c0] + a * plane[:, r0, c0 + 1]
+    return (1 - b) * top + b * ((1 - a) * plane[:, r0 + 1, c0] + a * plane[:, r0 + 1, c0 + 1])
+
+
+@pytest.mark.parametrize("t", [0.0, 0.37, 1.0])
+def test_planes_agree_with_a_loop_over_texels(field: FeaturePlanes, t: float) -> None:
+    u = torch.rand(7, 3, dtype=torch.float64) * 2 - 1
+    features = field(u, t).detach().numpy()
+    assert features.shape == (2, 7, 6, 3)
+    for level, planes in enumerate(field.by_level()):
+        for n in range(7):
+            query = [*u[n].tolist(), 2 * t - 1]
+            for p, name in enumerate(PLANES):
+                expected = bilinear(planes[name].detach().numpy(), query[AXES[name[0]]], query[AXES[name[1]]])
+                np.testing.assert_allclose(features[level, n, p], expected, atol=1e-12)
+
+
+def test_time_zero_and_one_reach_the_first_and_last_row(field: FeaturePlanes) -> None:
+    u = torch.full((1, 3), -1.0, dtype=torch.float64)
+    plane = field.by_level()[0]["xt"]
+    assert torch.equal(field(u, 0.0)[0, 0, 3], plane[:, 0, 0])
+    assert torch.equal(field(u, 1.0)[0, 0, 3], plane[:, -1, 0])
+
+
+def test_outside_the_box_the_border_holds(field: FeaturePlanes) -> None:
+    plane = field.by_level()[0]["xy"]
+    far = interpolate(plane, torch.tensor([[7.0, -9.0]], dtype=torch.float64))
+    assert torch.equal(far[0], plane[:, 0, -1])
+    assert field.normalise(torch.tensor([[5.0, -5.0, 0.0]], dtype=torch.float64)).tolist() == [[1.0, -1.0, 0.0]]
+
+
+def test_a_flat_box_divides_by_nothing(field: FeaturePlanes) -> None:
+    field.box[:, 2] = 0.5
+    u = field.normalise(torch.tensor([[0.0, 0.0, 0.5]], dtype=torch.float64))
+    assert torch.isfinite(u).all()
+
+
+def test_planes_start_constant_in_time() -> None:
+    field = FeaturePlanes(4, (8,), 6)
+    u = torch.rand(5, 3) * 2 - 1
+    torch.testing.assert_close(field(u, 0.0), field(u, 0.8))
+    assert regularisation(field, 0.0, 1.0, 1.0).item() == 0.0
+
+
+def test_smoothness_is_the_second_difference_along_rows() -> None:
+    rows = torch.tensor([0.0, 1.0, 4.0])[None, :, None].expand(2, 3, 5)
+    assert float(smoothness(rows)) == pytest.approx(4.0)
+    assert float(smoothness(rows[:, :2])) == 0.0
+
+
+def test_acfa_starts_with_weights_of_one_sixth() -> None:
+    acfa = AnchorConditionedAggregation(32, 256, 16)
+    weights = acfa.weights(torch.randn(9, 32), 0.3)
+    assert weights.shape == (9, 6, 16)
+    assert torch.equal(weights, torch.full_like(weights, 1 / 6))
+
+
+def test_acfa_agrees_with_the_paper_in_loops() -> None:
+    torch.manual_seed(1)
+    acfa = AnchorConditionedAggregation(4, 8, 3).double()
+    torch.nn.init.normal_(acfa.output.weight)
+    embedding, features, t = torch.randn(5, 4).double(), torch.randn(2, 5, 6, 3).double(), 0.7
+    h = acfa(features, embedding, t).detach().numpy()
+    w1, b1, w2, b2 = (
+        p.detach().numpy() for p in (acfa.hidden.weight, acfa.hidden.bias, acfa.output.weight, acfa.output.bias)
+    )
+    for i in range(5):
+        z = w2 @ np.maximum(w1 @ np.append(embedding[i].numpy(), t) + b1, 0) + b2
+        expected = []
+        for level in range(2):
+            for c in range(3):
+                scores = np.exp([z[p * 3 + c] for p in range(6)])
+                weights = scores / scores.sum()
+                expected.append(sum(weights[p] * features[level, i, p, c].item() for p in range(6)))
+        np.testing.assert_allclose(h[i], expected, atol=1e-12)
+
+
+def test_field_gradients_agree_with_finite_differences(field: FeaturePlanes) -> None:
+    acfa = AnchorConditionedAggregation(4, 6, 3).double()
+    torch.nn.init.normal_(acfa.output.weight)
+    u = (torch.rand(3, 3, dtype=torch.float64) * 1.8 - 0.9).requires_grad_()
+    embedding = torch.randn(3, 4, dtype=torch.float64, requires_grad=True)
+
+    def run(u: torch.Tensor, embedding: torch.Tensor, *_: torch.Tensor) -> torch.Tensor:
+        return acfa(field(u, 0.43), embedding, 0.43)
+
+    assert torch.autograd.gradcheck(run, (u, embedding, *field.parameters(), *acfa.parameters()), atol=1e-6)
+
+
+def test_scores_of_any_size_give_finite_weights() -> None:
+    acfa = AnchorConditionedAggregation(2, 4, 1)
+    torch.nn.init.constant_(acfa.output.weight, 1e4)
+    acfa.output.weight.data[0] *= 2
+    weights = acfa.weights(torch.full((1, 2), 1e3), 1.0)
+    assert torch.isfinite(weights).all()
+    assert float(weights.sum()) == pytest.approx(1.0)
+
+
+def test_dlgd_starts_at_the_canonical_geometry() -> None:
+    embedding = torch.randn(4, 32)
+    assert torch.count_nonzero(OffsetDeformation(32, 128, 10)(embedding, 0.5)) == 0
+    assert torch.count_nonzero(ScaleDeformation(32, 128)(embedding, 0.5)) == 0
+    assert OffsetDeformation(32, 128, 10)(embedding, 0.5).shape == (4, 10, 3)

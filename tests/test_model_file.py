@@ -1,0 +1,162 @@
+"""The model file: a round trip, and every way in which it can be damaged or foreign."""
+
+import json
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from aa4d.anchors.canonical import Anchors
+from aa4d.capture.frame import frame_of
+from aa4d.capture.reader import read_capture
+from aa4d.errors import InputError
+from aa4d.model import AdaAnchor4D, ModelConfig
+from aa4d.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model
+
+CONFIG = ModelConfig(offsets=3, plane_dim=4, spatial_resolutions=(5, 9), temporal_resolution=6)
+
+
+@pytest.fixture
+def model_path(toy_capture: Path, tmp_path: Path) -> Path:
+    torch.manual_seed(0)
+    capture = read_capture(toy_capture)
+    anchors = Anchors(torch.randn(7, 3), torch.randn(7, 6), 3, 32, 32)
+    path = tmp_path / "run" / "model.safetensors"
+    path.parent.mkdir()
+    save_model(
+        path,
+        AdaAnchor4D(CONFIG, anchors),
+        stage="fine",
+        capture=capture,
+        frame=frame_of(capture),
+        background=(0.1, 0.2, 0.3),
+        training={"seconds": 1.0},
+    )
+    return path
+
+
+def rewrite_header(path: Path, change: Any) -> None:
+    header, tensors = read_tensors(path)
+    change(header)
+    save_file(tensors, str(path), metadata={"aa4d": json.dumps(header)})
+
+
+def test_round_trip_keeps_every_tensor_and_the_frame(model_path: Path, toy_capture: Path) -> None:
+    first, second = load_model(model_path), load_model(model_path)
+    assert first.model.config == CONFIG
+    for name, value in first.model.state_dict().items():
+        assert torch.equal(value, second.model.state_dict()[name]), name
+    assert first.frame.unit_m == pytest.approx(20.0)
+    assert first.capture_folder == toy_capture.resolve()
+    assert not first.is_static
+    assert len(first.header["frames"]) == 10
+    assert "truth" not in first.header["frames"][0]
+
+
+def test_tensor_names_and_shapes_are_those_of_the_documented_format(model_path: Path) -> None:
+    shapes = {name: tuple(value.shape) for name, value in load_file(str(model_path)).items()}
+    assert shapes["anchors.position"] == (7, 3)
+    assert shapes["anchors.offset"] == (7, 3, 3)
+    assert shapes["field.planes.1.xy"] == (4, 9, 9)
+    assert shapes["field.planes.1.zt"] == (4, 6, 9)
+    assert shapes["warp.boundaries"] == (3, 65)
+    assert shapes["acfa.output.weight"] == (6 * 4, 256)
+    assert shapes["decoder_covariance.output.weight"] == (21, 32)
+    documented = (Path(__file__).parent.parent / "docs/formats.md").read_text()
+    for name in shapes:
+        assert name.split(".")[0] in documented
+
+
+def test_a_copy_elsewhere_still_finds_its_capture(model_path: Path, tmp_path: Path, toy_capture: Path) -> None:
+    target = tmp_path / "a" / "b" / "model.safetensors"
+    target.parent.mkdir(parents=True)
+    copy_model(model_path, target)
+    assert load_model(target).capture_folder == toy_capture.resolve()
+
+
+@pytest.mark.parametrize("size", [0, 4, 8, 100, 5000])
+def test_a_file_cut_short_is_refused(model_path: Path, size: int) -> None:
+    model_path.write_bytes(model_path.read_bytes()[:size])
+    with pytest.raises(InputError, match="not a whole safetensors file"):
+        load_model(model_path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"PK\x03\x04 a zip",
+        b"\x80\x05 a pickle",
+        b"\xff" * 64,
+        struct.pack("<Q", 2**31) + b"{",
+        struct.pack("<Q", 2) + b"[]",
+    ],
+)
+def test_a_foreign_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "model.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"model\.safetensors"):
+        load_model(path)
+
+
+def test_an_absent_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such model file"):
+        load_model(tmp_path / "model.safetensors")
+
+
+def test_safetensors_of_something_else_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.safetensors"
+    save_file({"weight": torch.zeros(2)}, str(path))
+    with pytest.raises(InputError, match="not an AdaAnchor4D model"):
+        load_model(path)
+
+
+def test_a_newer_version_is_refused(model_path: Path) -> None:
+    rewrite_header(model_path, lambda h: h.update(version=MODEL_VERSION + 1))
+    with pytest.raises(InputError, match="newer than this aa4d reads"):
+        load_model(model_path)
+
+
+def test_an_incomplete_configuration_is_refused(model_path: Path) -> None:
+    rewrite_header(model_path, lambda h: h["config"].pop("offsets"))
+    with pytest.raises(InputError, match="config is incomplete"):
+        load_model(model_path)
+
+
+def test_tensors_that_do_not_fit_the_configuration_are_refused(model_path: Path) -> None:
+    rewrite_header(model_path, lambda h: h["config"].update(offsets=4))
+    with pytest.raises(InputError, match="do not fit"):
+        load_model(model_path)
+
+
+@pytest.mark.parametrize("change", ["missing", "nan"])
+def test_missing_and_nan_tensors_are_named(model_path: Path, change: str) -> None:
+    header, tensors = read_tensors(model_path)
+    if change == "missing":
+        del tensors["encoder.weight"]
+    else:
+        tensors["encoder.weight"][0, 0] = float("nan")
+    save_file(tensors, str(model_path), metadata={"aa4d": json.dumps(header)})
+    with pytest.raises(InputError, match=r"encoder\.weight"):
+        load_model(model_path)
+
+
+def test_a_failed_write_leaves_the_old_file(model_path: Path, toy_capture: Path) -> None:
+    before = model_path.read_bytes()
+    capture = read_capture(toy_capture)
+    model = load_model(model_path).model
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        save_model(
+            model_path,
+            model,
+            stage="fine",
+            capture=replace(capture, fps=float("nan")),
+            frame=frame_of(capture),
+            background=(0, 0, 0),
+            training={},
+        )
+    assert model_path.read_bytes() == before
+    assert sorted(p.name for p in model_path.parent.iterdir()) == ["model.safetensors"]
