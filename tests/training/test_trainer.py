@@ -14,9 +14,11 @@ from PIL import Image
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
+from aa4d.model import ModelConfig
 from aa4d.model_file import load_model
 from aa4d.training.config import Decay, Densification, LearningRates, TrainingConfig
 from aa4d.training.trainer import Run, train
+from tests.toy_capture import write_toy_capture
 
 SHORT = TrainingConfig(
     preset="test",
@@ -37,8 +39,6 @@ def never(*_: object) -> None:
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A capture and a run that is long enough to have learned something."""
-    from tests.toy_capture import write_toy_capture
-
     folder = tmp_path_factory.mktemp("trained")
     capture = write_toy_capture(folder / "capture")
     config = replace(SHORT, coarse_iterations=150, fine_iterations=350)
@@ -47,7 +47,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_the_fine_stage_learns_what_moves(trained: tuple[Path, Path]) -> None:
-    capture, run = trained
+    _, run = trained
     metrics = evaluate(run, None, silent)
     assert metrics.psnr > 22
     assert metrics.psnr_dynamic is not None
@@ -115,18 +115,12 @@ def test_densification_changes_the_number_of_anchors(toy_capture: Path, tmp_path
 
 def test_the_fine_stage_starts_where_the_coarse_stage_ended(toy_capture: Path, tmp_path: Path) -> None:
     torch.manual_seed(0)
-    run = Run(read_capture(toy_capture), tmp_path, SHORT, load_config())
+    run = Run(read_capture(toy_capture), tmp_path, SHORT, ModelConfig())
     state = run.initial_state()
     with torch.no_grad():
         canonical, deformed = state.model.canonical(), state.model.deformed(0.4)
     for name in ("position", "feature", "offset", "scale"):
         assert torch.equal(getattr(canonical, name), getattr(deformed, name)), name
-
-
-def load_config():  # type: ignore[no-untyped-def]
-    from aa4d.model import ModelConfig
-
-    return ModelConfig()
 
 
 def test_another_run_in_the_folder_is_refused(toy_capture: Path, tmp_path: Path) -> None:
@@ -163,5 +157,5 @@ def test_a_damaged_checkpoint_is_refused(toy_capture: Path, tmp_path: Path) -> N
 
 def test_divergence_names_the_parameter_group(toy_capture: Path, tmp_path: Path) -> None:
     rates = replace(LearningRates(), decoder_color=Decay(1e30, 1e30))
-    with pytest.raises(InputError, match="NaN or infinity at coarse iteration .*'decoder_color'"):
+    with pytest.raises(InputError, match=r"NaN or infinity at coarse iteration .*'decoder_color'"):
         train(read_capture(toy_capture), tmp_path / "run", replace(SHORT, rates=rates), silent)
