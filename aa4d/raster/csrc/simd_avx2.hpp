@@ -1,0 +1,70 @@
+#pragma once
+
+#include <immintrin.h>
+
+#include <cstdint>
+
+#define AA4D_ARCH avx2
+
+namespace aa4d::avx2 {
+
+struct Float {
+  static constexpr int kWidth = 8;
+  __m256 v;
+  Float() = default;
+  Float(__m256 value) : v(value) {}
+  explicit Float(float value) : v(_mm256_set1_ps(value)) {}
+  static Float load(const float* p) { return _mm256_load_ps(p); }
+  void store(float* p) const { _mm256_store_ps(p, v); }
+};
+struct Mask {
+  __m256 m;
+};
+
+inline Float operator+(Float a, Float b) { return _mm256_add_ps(a.v, b.v); }
+inline Float operator-(Float a, Float b) { return _mm256_sub_ps(a.v, b.v); }
+inline Float operator*(Float a, Float b) { return _mm256_mul_ps(a.v, b.v); }
+inline Float fma(Float a, Float b, Float c) { return _mm256_fmadd_ps(a.v, b.v, c.v); }    // a b + c
+inline Float fnma(Float a, Float b, Float c) { return _mm256_fnmadd_ps(a.v, b.v, c.v); }  // c - a b
+inline Float min(Float a, Float b) { return _mm256_min_ps(a.v, b.v); }
+inline Float max(Float a, Float b) { return _mm256_max_ps(a.v, b.v); }
+inline Mask operator<=(Float a, Float b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_LE_OQ)}; }
+inline Mask operator>=(Float a, Float b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GE_OQ)}; }
+inline Mask operator>(Float a, Float b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GT_OQ)}; }
+inline Mask operator&(Mask a, Mask b) { return {_mm256_and_ps(a.m, b.m)}; }
+inline Mask and_not(Mask a, Mask b) { return {_mm256_andnot_ps(b.m, a.m)}; }  // a and not b
+inline bool any(Mask a) { return _mm256_movemask_ps(a.m) != 0; }
+inline std::uint32_t bits(Mask a) { return static_cast<std::uint32_t>(_mm256_movemask_ps(a.m)); }
+inline Float select(Mask m, Float a, Float b) { return _mm256_blendv_ps(b.v, a.v, m.m); }
+inline Float zero_unless(Mask m, Float a) { return _mm256_and_ps(m.m, a.v); }
+inline Float negate(Float a) { return _mm256_xor_ps(a.v, _mm256_set1_ps(-0.0f)); }
+inline Float abs(Float a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), a.v); }
+inline float sum(Float a) {
+  __m128 s = _mm_add_ps(_mm256_castps256_ps128(a.v), _mm256_extractf128_ps(a.v, 1));
+  s = _mm_add_ps(s, _mm_movehl_ps(s, s));
+  return _mm_cvtss_f32(_mm_add_ss(s, _mm_movehdup_ps(s)));
+}
+
+// 1 / a to the last bit or two.
+inline Float reciprocal(Float a) {
+  const __m256 r = _mm256_rcp_ps(a.v);
+  return _mm256_mul_ps(r, _mm256_fnmadd_ps(a.v, r, _mm256_set1_ps(2.0f)));
+}
+
+// The lanes of p whose integer is above `value`.
+inline Mask above(const std::int32_t* p, std::int32_t value) {
+  const __m256i lanes = _mm256_load_si256(reinterpret_cast<const __m256i*>(p));
+  return {_mm256_castsi256_ps(_mm256_cmpgt_epi32(lanes, _mm256_set1_epi32(value)))};
+}
+inline void store_where(Mask m, std::int32_t* p, std::int32_t value) {
+  _mm256_maskstore_epi32(p, _mm256_castps_si256(m.m), _mm256_set1_epi32(value));
+}
+
+inline Float fraction(Float x) { return _mm256_sub_ps(x.v, _mm256_floor_ps(x.v)); }
+inline Float scale_by_floor_exponent(Float a, Float x) {
+  const __m256i exponent = _mm256_cvtps_epi32(_mm256_floor_ps(x.v));
+  const __m256i power = _mm256_slli_epi32(_mm256_add_epi32(exponent, _mm256_set1_epi32(127)), 23);
+  return _mm256_mul_ps(a.v, _mm256_castsi256_ps(power));
+}
+
+}  // namespace aa4d::avx2

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <immintrin.h>
+
+#include <cstdint>
+
+#define AA4D_ARCH avx512
+
+namespace aa4d::avx512 {
+
+struct Float {
+  static constexpr int kWidth = 16;
+  __m512 v;
+  Float() = default;
+  Float(__m512 value) : v(value) {}
+  explicit Float(float value) : v(_mm512_set1_ps(value)) {}
+  static Float load(const float* p) { return _mm512_load_ps(p); }
+  void store(float* p) const { _mm512_store_ps(p, v); }
+};
+struct Mask {
+  __mmask16 m;
+};
+
+inline Float operator+(Float a, Float b) { return _mm512_add_ps(a.v, b.v); }
+inline Float operator-(Float a, Float b) { return _mm512_sub_ps(a.v, b.v); }
+inline Float operator*(Float a, Float b) { return _mm512_mul_ps(a.v, b.v); }
+inline Float fma(Float a, Float b, Float c) { return _mm512_fmadd_ps(a.v, b.v, c.v); }    // a b + c
+inline Float fnma(Float a, Float b, Float c) { return _mm512_fnmadd_ps(a.v, b.v, c.v); }  // c - a b
+inline Float min(Float a, Float b) { return _mm512_min_ps(a.v, b.v); }
+inline Float max(Float a, Float b) { return _mm512_max_ps(a.v, b.v); }
+inline Mask operator<=(Float a, Float b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_LE_OQ)}; }
+inline Mask operator>=(Float a, Float b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GE_OQ)}; }
+inline Mask operator>(Float a, Float b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GT_OQ)}; }
+inline Mask operator&(Mask a, Mask b) { return {static_cast<__mmask16>(a.m & b.m)}; }
+inline Mask and_not(Mask a, Mask b) { return {static_cast<__mmask16>(a.m & ~b.m)}; }  // a and not b
+inline bool any(Mask a) { return a.m != 0; }
+inline std::uint32_t bits(Mask a) { return a.m; }
+inline Float select(Mask m, Float a, Float b) { return _mm512_mask_blend_ps(m.m, b.v, a.v); }
+inline Float zero_unless(Mask m, Float a) { return _mm512_maskz_mov_ps(m.m, a.v); }
+inline Float negate(Float a) { return _mm512_xor_ps(a.v, _mm512_set1_ps(-0.0f)); }
+inline Float abs(Float a) { return _mm512_abs_ps(a.v); }
+inline float sum(Float a) { return _mm512_reduce_add_ps(a.v); }
+
+// 1 / a to the last bit or two.
+inline Float reciprocal(Float a) {
+  const __m512 r = _mm512_rcp14_ps(a.v);
+  return _mm512_mul_ps(r, _mm512_fnmadd_ps(a.v, r, _mm512_set1_ps(2.0f)));
+}
+
+// The lanes of p whose integer is above `value`.
+inline Mask above(const std::int32_t* p, std::int32_t value) {
+  return {_mm512_cmpgt_epi32_mask(_mm512_load_si512(p), _mm512_set1_epi32(value))};
+}
+inline void store_where(Mask m, std::int32_t* p, std::int32_t value) {
+  _mm512_mask_store_epi32(p, m.m, _mm512_set1_epi32(value));
+}
+
+inline Float fraction(Float x) { return _mm512_reduce_ps(x.v, _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC); }
+inline Float scale_by_floor_exponent(Float a, Float x) { return _mm512_scalef_ps(a.v, x.v); }
+
+}  // namespace aa4d::avx512

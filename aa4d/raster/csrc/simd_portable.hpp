@@ -1,0 +1,76 @@
+// Four lanes in the vector types of GCC and Clang: SSE2 on x86-64, NEON on arm64.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#define AA4D_ARCH portable
+
+namespace aa4d::portable {
+
+using Lanes = float __attribute__((vector_size(16)));
+using IntLanes = std::int32_t __attribute__((vector_size(16)));
+
+struct Float {
+  static constexpr int kWidth = 4;
+  Lanes v;
+  Float() = default;
+  Float(Lanes value) : v(value) {}
+  explicit Float(float value) : v{value, value, value, value} {}
+  static Float load(const float* p) {
+    Float result;
+    std::memcpy(&result.v, p, sizeof(Lanes));
+    return result;
+  }
+  void store(float* p) const { std::memcpy(p, &v, sizeof(Lanes)); }
+};
+struct Mask {
+  IntLanes m;
+};
+
+inline Float operator+(Float a, Float b) { return a.v + b.v; }
+inline Float operator-(Float a, Float b) { return a.v - b.v; }
+inline Float operator*(Float a, Float b) { return a.v * b.v; }
+inline Float fma(Float a, Float b, Float c) { return a.v * b.v + c.v; }   // not fused: SSE2 has no such instruction
+inline Float fnma(Float a, Float b, Float c) { return c.v - a.v * b.v; }
+inline Float min(Float a, Float b) { return a.v < b.v ? a.v : b.v; }
+inline Float max(Float a, Float b) { return a.v > b.v ? a.v : b.v; }
+inline Mask operator<=(Float a, Float b) { return {a.v <= b.v}; }
+inline Mask operator>=(Float a, Float b) { return {a.v >= b.v}; }
+inline Mask operator>(Float a, Float b) { return {a.v > b.v}; }
+inline Mask operator&(Mask a, Mask b) { return {a.m & b.m}; }
+inline Mask and_not(Mask a, Mask b) { return {a.m & ~b.m}; }  // a and not b
+inline std::uint32_t bits(Mask a) {
+  std::uint32_t result = 0;
+  for (int i = 0; i < 4; ++i) result |= (a.m[i] & 1u) << i;
+  return result;
+}
+inline bool any(Mask a) { return (a.m[0] | a.m[1] | a.m[2] | a.m[3]) != 0; }
+inline Float select(Mask m, Float a, Float b) { return m.m ? a.v : b.v; }
+inline Float zero_unless(Mask m, Float a) { return Lanes(m.m & IntLanes(a.v)); }
+inline Float negate(Float a) { return -a.v; }
+inline Float abs(Float a) { return Lanes(IntLanes(a.v) & 0x7fffffff); }
+inline float sum(Float a) { return (a.v[0] + a.v[2]) + (a.v[1] + a.v[3]); }
+inline Float reciprocal(Float a) { return 1.0f / a.v; }
+
+// The lanes of p whose integer is above `value`.
+inline Mask above(const std::int32_t* p, std::int32_t value) {
+  IntLanes lanes;
+  std::memcpy(&lanes, p, sizeof lanes);
+  return {lanes > value};
+}
+inline void store_where(Mask m, std::int32_t* p, std::int32_t value) {
+  for (int i = 0; i < 4; ++i) {
+    if (m.m[i]) p[i] = value;
+  }
+}
+
+inline IntLanes floor_to_int(Float x) {
+  const IntLanes truncated = __builtin_convertvector(x.v, IntLanes);
+  return truncated + (__builtin_convertvector(truncated, Lanes) > x.v);  // a true comparison is -1
+}
+inline Float fraction(Float x) { return x.v - __builtin_convertvector(floor_to_int(x), Lanes); }
+inline Float scale_by_floor_exponent(Float a, Float x) { return a.v * Lanes((floor_to_int(x) + 127) << 23); }
+
+}  // namespace aa4d::portable

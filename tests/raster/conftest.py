@@ -1,0 +1,1 @@
+"""Makes `raster_scenes` importable from every test of the rasteriser."""
