@@ -111,7 +111,7 @@ def read_image(capture: Capture, frame: Frame) -> NDArray[np.uint8]:
     path = capture.folder / frame.image
     try:
         with Image.open(path) as image:
-            pixels = np.asarray(image.convert("RGB"))
+            pixels = np.array(image.convert("RGB"))
     except FileNotFoundError:
         raise InputError(f"{path}: image of frame {frame.name!r} is missing; render or copy it again") from None
     except (OSError, SyntaxError, ValueError) as error:

@@ -6,9 +6,10 @@ import dataclasses
 import json
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NoReturn
 
 import numpy as np
 import torch
@@ -35,10 +36,8 @@ from aa4d.training.optimiser import make_optimiser, replace_rows, set_rates
 STAGES = ("coarse", "fine")
 
 
-class Progress(Protocol):
-    """What the trainer tells whoever watches, once an iteration."""
-
-    def __call__(self, stage: str, iteration: int, total: int, loss: float, psnr_db: float, anchors: int) -> None: ...
+# What the trainer tells whoever watches, once an iteration: stage, iteration, total, loss, PSNR in dB, anchors.
+Progress = Callable[[str, int, int, float, float, int], None]
 
 
 @dataclass(frozen=True)
@@ -167,7 +166,7 @@ class Run:
                     "and the same command continues from there"
                 )
             if state.iteration % self.config.checkpoint_every == 0:
-                save_checkpoint(self.out / "checkpoint.safetensors", state)
+                self._save_checkpoint(state)
 
     def step(self, state: TrainingState) -> tuple[float, float]:
         """One iteration on one view; returns loss and PSNR of that view.
@@ -183,7 +182,7 @@ class Run:
         target = view.target()
         loss = self._loss(model, state.stage, rendering, gaussians, target)
         if not math.isfinite(loss.item()):
-            raise InputError(self._where_not_finite(state))
+            self._refuse_not_finite(state, "its loss")
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
@@ -255,10 +254,16 @@ class Run:
         state.stage, state.iteration = "fine", 0
         state.optimiser = make_optimiser(model, self.config.rates, "fine")
         state.statistics = Statistics.zeros(len(position), self.model_config.offsets)
-        save_checkpoint(self.out / "checkpoint.safetensors", state)
+        self._save_checkpoint(state)
 
     def _save(self, state: TrainingState) -> None:
+        self._save_checkpoint(state)
         self._save_model(state, self.model_path)
+
+    def _save_checkpoint(self, state: TrainingState) -> None:
+        """Only ever over the last one with finite values: it is what a diverged run goes back to."""
+        if not all(torch.isfinite(p).all() for p in state.model.parameters()):
+            self._refuse_not_finite(state, "a parameter")
         save_checkpoint(self.out / "checkpoint.safetensors", state)
 
     def _save_model(self, state: TrainingState, path: Path) -> None:
@@ -279,16 +284,16 @@ class Run:
             training=training,
         )
 
-    def _where_not_finite(self, state: TrainingState) -> str:
+    def _refuse_not_finite(self, state: TrainingState, what: str) -> NoReturn:
         names = [
             group["name"]
             for group in state.optimiser.param_groups
             if any(not torch.isfinite(p).all() for p in group["params"])
         ]
-        where = f"parameter group {names[0]!r}" if names else "no parameter yet: the loss itself"
-        return (
-            f"{self.out}: training met NaN or infinity at {state.stage} iteration {state.iteration} ({where}); the "
-            "last checkpoint is whole: lower that group's learning rate and continue, or check the capture's poses"
+        advice = f"lower the learning rate of {names[0]!r}" if names else "check the poses and images of the capture"
+        raise InputError(
+            f"{self.out}: training met NaN or infinity in {what} at {state.stage} iteration {state.iteration}; "
+            f"{advice} and start from the last checkpoint, which is whole"
         )
 
 

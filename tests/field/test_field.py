@@ -119,7 +119,7 @@ def test_scores_of_any_size_give_finite_weights() -> None:
     acfa.output.weight.data[0] *= 2
     weights = acfa.weights(torch.full((1, 2), 1e3), 1.0)
     assert torch.isfinite(weights).all()
-    assert float(weights.sum()) == pytest.approx(1.0)
+    assert weights.sum().item() == pytest.approx(1.0)
 
 
 def test_dlgd_starts_at_the_canonical_geometry() -> None:
