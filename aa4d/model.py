@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from aa4d.anchors.canonical import Anchors
+from aa4d.anchors.canonical import AnchorRows, Anchors
 from aa4d.anchors.decoding import AnchorState, Decoder
 from aa4d.field.aggregation import AnchorConditionedAggregation
 from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
@@ -56,13 +56,12 @@ class AdaAnchor4D(nn.Module):
         self.dlgd_scale = ScaleDeformation(c.embedding_dim, c.geometry_hidden)  # Phi_s
         self.decoder = Decoder(c.feature_dim, c.offsets, c.decoder_hidden)
 
-    def canonical(self) -> AnchorState:
-        a = self.anchors
+    def canonical(self, a: AnchorRows) -> AnchorState:
+        """A_i as the coarse stage has it."""
         return AnchorState(a.position, a.feature, a.offset, a.log_scale.exp())
 
-    def deformed(self, t: float) -> AnchorState:
+    def deformed(self, a: AnchorRows, t: float) -> AnchorState:
         """A_i(t) for one t in [0, 1] (paper, sections 4.2 to 4.4)."""
-        a = self.anchors
         u = self.warp(self.field.normalise(a.position))
         h = self.acfa(self.field(u, t), a.embedding_acfa, t)
         z = torch.relu(self.encoder(h))
@@ -73,9 +72,13 @@ class AdaAnchor4D(nn.Module):
             scale=(a.log_scale + self.dlgd_scale(a.embedding_scale, t)).exp(),
         )
 
-    def gaussians(self, t: float | None, camera: Camera) -> Gaussians:
-        """What that camera draws at time t; at t = None the canonical scene (the coarse stage)."""
-        state = self.canonical() if t is None else self.deformed(t)
+    def gaussians(self, t: float | None, camera: Camera, visible: Tensor | None = None) -> Gaussians:
+        """What the anchors (those at `visible` [M], if given) look like to a camera at time t, K Gaussians each.
+
+        At t = None the canonical scene: the coarse stage.
+        """
+        rows = self.anchors.rows(visible)
+        state = self.canonical(rows) if t is None else self.deformed(rows, t)
         return self.decoder(state, camera_centre(camera))
 
     def networks_and_planes(self) -> list[Tensor]:

@@ -1,17 +1,26 @@
-"""The complete rendering pipeline: deform, decode, rasterise."""
+"""The complete rendering pipeline: choose, deform, decode, rasterise."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from torch import Tensor
 
+from aa4d.anchors.visibility import in_view
 from aa4d.model import AdaAnchor4D
 from aa4d.raster import rasterize
 from aa4d.raster.types import Camera, Gaussians, Rendering
 
 
-def render(
-    model: AdaAnchor4D, t: float | None, camera: Camera, background: Tensor, *, depth: bool = False
-) -> tuple[Rendering, Gaussians]:
+@dataclass(frozen=True)
+class Rendered:
+    rendering: Rendering
+    gaussians: Gaussians  # K for each visible anchor
+    visible: Tensor  # [M] the anchors that were deformed and decoded
+
+
+def render(model: AdaAnchor4D, t: float | None, camera: Camera, background: Tensor, *, depth: bool = False) -> Rendered:
     """One image at time t in [0, 1], or of the canonical scene at t = None; `camera` stands in the model frame."""
-    gaussians = model.gaussians(t, camera)
-    return rasterize(gaussians, camera, background=background, depth=depth), gaussians
+    visible = in_view(model.anchors.position, camera)
+    gaussians = model.gaussians(t, camera, visible)
+    return Rendered(rasterize(gaussians, camera, background=background, depth=depth), gaussians, visible)

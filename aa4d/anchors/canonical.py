@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -30,6 +32,26 @@ class Anchors(nn.Module):
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def rows(self, index: Tensor | None = None) -> AnchorRows:
+        """All anchors, or those at `index` [M]."""
+        names = [field.name for field in fields(AnchorRows)]
+        if index is None:
+            return AnchorRows(*(getattr(self, name) for name in names))
+        return AnchorRows(*(getattr(self, name).index_select(0, index) for name in names))
+
+
+@dataclass(frozen=True)
+class AnchorRows:
+    """What some of the anchors own, as in `Anchors`."""
+
+    position: Tensor
+    feature: Tensor
+    offset: Tensor
+    log_scale: Tensor
+    embedding_acfa: Tensor
+    embedding_offset: Tensor
+    embedding_scale: Tensor
 
 
 EMBEDDINGS = ("embedding_acfa", "embedding_offset", "embedding_scale")

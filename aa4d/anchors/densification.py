@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from aa4d.raster.types import Camera, Gaussians, Rendering
+from aa4d.raster.types import Gaussians, Rendering
 
 
 @dataclass
@@ -25,14 +25,14 @@ class Statistics:
             torch.zeros(anchors), torch.zeros(anchors), torch.zeros(anchors, offsets), torch.zeros(anchors, offsets)
         )
 
-    def add(self, position: Tensor, camera: Camera, gaussians: Gaussians, rendering: Rendering) -> None:
-        """After the backward pass of one image."""
-        drawn = (rendering.radii > 0).view_as(self.drawn)
-        visible = in_view(position, camera)
-        self.seen += visible
-        self.opacity += gaussians.opacities.detach().view_as(self.drawn).sum(1) * visible
-        self.drawn += drawn
-        self.gradient += torch.where(drawn, rendering.screen_gradient.view_as(self.drawn), 0)
+    def add(self, visible: Tensor, gaussians: Gaussians, rendering: Rendering) -> None:
+        """After the backward pass of one image, in which the anchors `visible` [M] were rendered."""
+        shape = (len(visible), self.drawn.shape[1])
+        drawn = (rendering.radii > 0).view(shape)
+        self.seen[visible] += 1
+        self.opacity[visible] += gaussians.opacities.detach().view(shape).sum(1)
+        self.drawn[visible] += drawn
+        self.gradient[visible] += torch.where(drawn, rendering.screen_gradient.view(shape), 0)
 
     def forget_judged(self, *, min_seen: float, min_drawn: float) -> None:
         """Begin anew where a statistic has just been judged; rarely seen anchors go on gathering theirs."""
@@ -53,15 +53,6 @@ class Statistics:
             self.gradient[index] * kept[:, None],
             self.drawn[index] * kept[:, None],
         )
-
-
-def in_view(position: Tensor, camera: Camera) -> Tensor:
-    """Anchors whose centre projects into the image, [N] bool."""
-    x = position @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
-    z = x[:, 2]
-    pixels = x @ camera.K.T / z.clamp_min(camera.near)[:, None]
-    inside = (pixels[:, :2] >= 0).all(1) & (pixels[:, 0] < camera.width) & (pixels[:, 1] < camera.height)
-    return inside & (z > camera.near)
 
 
 @dataclass(frozen=True)

@@ -120,8 +120,8 @@ def evaluate(run: Path, capture_folder: Path | None, progress: Callable[[int, in
 def render_frame(loaded: LoadedModel, capture: Capture, index: int) -> NDArray[np.uint8]:
     """The model at the time and pose of a frame: [H, W, 3] 8-bit sRGB, as it would be saved."""
     with torch.no_grad():
-        rendering, _ = render(loaded.model, *_view(loaded, capture, index))
-    return (rendering.color.clamp(0, 1) * 255).round().byte().numpy()
+        color = render(loaded.model, *_view(loaded, capture, index)).rendering.color
+    return (color.clamp(0, 1) * 255).round().byte().numpy()
 
 
 def measure_speed(loaded: LoadedModel, capture: Capture) -> tuple[float, int]:
@@ -131,7 +131,7 @@ def measure_speed(loaded: LoadedModel, capture: Capture) -> tuple[float, int]:
         for number in range(WARM_UP_FRAMES + TIMED_FRAMES):
             view = _view(loaded, capture, number % len(capture.frames))
             started = time.perf_counter()
-            _, gaussians = render(loaded.model, *view)
+            gaussians = render(loaded.model, *view).gaussians
             elapsed = time.perf_counter() - started
             if number >= WARM_UP_FRAMES:
                 seconds.append(elapsed)

@@ -26,8 +26,8 @@ from aa4d.field.warping import density_adaptive_boundaries
 from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
-from aa4d.raster.types import Camera, Gaussians, Rendering
-from aa4d.rendering import render
+from aa4d.raster.types import Camera
+from aa4d.rendering import Rendered, render
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
 from aa4d.training.config import TrainingConfig, temporal_resolution
 from aa4d.training.interrupts import StopRequest, stop_requests
@@ -178,17 +178,17 @@ class Run:
         model, optimiser = state.model, state.optimiser
         set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1))
         t = view.t if state.stage == "fine" else None
-        rendering, gaussians = render(model, t, view.camera, self.background)
+        rendered = render(model, t, view.camera, self.background)
         target = view.target()
-        loss = self._loss(model, state.stage, rendering, gaussians, target)
+        loss = self._loss(model, state.stage, rendered, target)
         if not math.isfinite(loss.item()):
             self._refuse_not_finite(state, "its loss")
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
         with torch.no_grad():
-            self._densify(state, view, gaussians, rendering)
-        return loss.item(), psnr(rendering.color.detach(), target)
+            self._densify(state, rendered)
+        return loss.item(), psnr(rendered.rendering.color.detach(), target)
 
     def _view(self, stage: str, iteration: int) -> View:
         """Every view once an epoch, in an order drawn from (seed, stage, epoch)."""
@@ -196,15 +196,13 @@ class Run:
         order = np.random.default_rng([self.config.seed, STAGES.index(stage), epoch]).permutation(len(self.views))
         return self.views[order[position]]
 
-    def _loss(
-        self, model: AdaAnchor4D, stage: str, rendering: Rendering, gaussians: Gaussians, target: Tensor
-    ) -> Tensor:
-        weights = self.config.loss
+    def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> Tensor:
+        weights, rendering = self.config.loss, rendered.rendering
         l1 = (rendering.color - target).abs().mean()
         dssim = 1 - StructuralSimilarity(target)(rendering.color)
         loss = (1 - weights.dssim) * l1 + weights.dssim * dssim
         drawn = (rendering.radii > 0).float()
-        volume = (gaussians.scales.prod(1) * drawn).sum() / drawn.sum().clamp_min(1)
+        volume = (rendered.gaussians.scales.prod(1) * drawn).sum() / drawn.sum().clamp_min(1)
         loss = loss + weights.volume * volume
         if stage == "fine":
             loss = loss + regularisation(
@@ -212,13 +210,13 @@ class Run:
             )
         return loss
 
-    def _densify(self, state: TrainingState, view: View, gaussians: Gaussians, rendering: Rendering) -> None:
+    def _densify(self, state: TrainingState, rendered: Rendered) -> None:
         d = self.config.densification
         done = state.iteration + 1
         if not d.statistics_from < done <= d.until:
             return
         anchors = state.model.anchors
-        state.statistics.add(anchors.position, view.camera, gaussians, rendering)
+        state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering)
         if done <= d.start or done % d.interval:
             return
         seen = d.interval * d.seen_share

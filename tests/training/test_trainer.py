@@ -119,7 +119,8 @@ def test_the_fine_stage_starts_where_the_coarse_stage_ended(toy_capture: Path, t
     run = Run(read_capture(toy_capture), tmp_path, SHORT, ModelConfig())
     state = run.initial_state()
     with torch.no_grad():
-        canonical, deformed = state.model.canonical(), state.model.deformed(0.4)
+        rows = state.model.anchors.rows()
+        canonical, deformed = state.model.canonical(rows), state.model.deformed(rows, 0.4)
     for name in ("position", "feature", "offset", "scale"):
         assert torch.equal(getattr(canonical, name), getattr(deformed, name)), name
 

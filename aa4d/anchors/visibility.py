@@ -1,0 +1,21 @@
+"""Which anchors a camera can see."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from aa4d.raster.types import Camera
+
+# An anchor is judged by its canonical centre; its Gaussians and its motion reach beyond it by less than this share of
+# the image's width and height.
+MARGIN = 0.2
+
+
+def in_view(position: Tensor, camera: Camera) -> Tensor:
+    """Indices [M] of the centres [N, 3] that project into the image or its margin, in order."""
+    x = position @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+    z = x[:, 2]
+    pixels = (x @ camera.K.T)[:, :2] / z.clamp_min(camera.near)[:, None]
+    size = pixels.new_tensor([camera.width, camera.height])
+    inside = ((pixels >= -MARGIN * size) & (pixels <= (1 + MARGIN) * size)).all(1)
+    return (inside & (z > camera.near)).nonzero()[:, 0]
