@@ -47,7 +47,6 @@ class AdaAnchor4D(nn.Module):
         self.acfa = AnchorConditionedAggregation(c.embedding_dim, c.weight_hidden, c.plane_dim)
         self.encoder = nn.Linear(c.plane_dim * self.field.levels, c.encoder_width)  # Phi_enc
         nn.init.xavier_uniform_(self.encoder.weight)
-        nn.init.zeros_(self.encoder.bias)
         # The paper zero-initialises Phi_w, Phi_o and Phi_s only. Phi_x and Phi_f start at zero here as well, so that
         # the fine stage begins exactly where the coarse stage ended.
         self.head_position = TwoLayer(c.encoder_width, c.encoder_width, 3, zero_output=True)  # Phi_x

@@ -7,9 +7,10 @@ from torch import Tensor, nn
 
 
 class TwoLayer(nn.Module):
-    """output(relu(hidden(x))), Xavier-uniform weights as in 4D-GS, zero biases.
+    """output(relu(hidden(x))), Xavier-uniform weights and torch's own biases, as in 4D-GS.
 
-    With `zero_output` the network starts as the zero function, and its first step changes the output layer alone.
+    Biases matter: with none, the ReLUs that see time would all have their kink at t = 0, and start linear in it. With
+    `zero_output` the network starts as the zero function, and its first step changes the output layer alone.
     """
 
     def __init__(self, inputs: int, hidden: int, outputs: int, *, zero_output: bool = False) -> None:
@@ -18,9 +19,9 @@ class TwoLayer(nn.Module):
         self.output = nn.Linear(hidden, outputs)
         for layer in (self.hidden, self.output):
             nn.init.xavier_uniform_(layer.weight)
-            nn.init.zeros_(layer.bias)
         if zero_output:
             nn.init.zeros_(self.output.weight)
+            nn.init.zeros_(self.output.bias)
 
     def forward(self, x: Tensor) -> Tensor:
         return self.output(torch.relu(self.hidden(x)))

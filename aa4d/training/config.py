@@ -32,6 +32,7 @@ class LearningRates:
     embedding: Decay = Decay(0.0075, 7.5e-4)  # [chosen]
     planes: Decay = Decay(1.6e-2, 1.6e-3)  # [chosen] 10 x 4D-GS, whose rates scale with the extent of the scene
     deformation: Decay = Decay(1.6e-3, 1.6e-4)  # [chosen] likewise
+    position: Decay = Decay(1.6e-4, 1.6e-5)  # [chosen]
     decoder_opacity: Decay = Decay(0.002, 2e-5)
     decoder_color: Decay = Decay(0.008, 5e-5)
     decoder_covariance: Decay = Decay(0.004, 0.004)

@@ -26,13 +26,13 @@ def make_optimiser(model: AdaAnchor4D, rates: LearningRates, stage: str) -> Adam
         deforming = (
             model.acfa,
             model.encoder,
-            model.head_position,
             model.head_feature,
             model.dlgd_offset,
             model.dlgd_scale,
         )
         groups["embedding"] = [getattr(anchors, name) for name in EMBEDDINGS]
         groups["planes"] = list(model.field.parameters())
+        groups["position"] = list(model.head_position.parameters())
         groups["deformation"] = [p for module in deforming for p in module.parameters()]
     # eps as in 3DGS: gradients of a mean over pixels are tiny, and the default 1e-8 would damp them.
     return Adam(
