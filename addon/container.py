@@ -1,8 +1,7 @@
 """The safetensors container, read as untrusted bytes with numpy and the standard library.
 
 Eight bytes little-endian header length, a JSON header, the tensors. Nothing is unpickled or executed, and no more
-memory
-is asked for than the file has bytes. Format: https://github.com/huggingface/safetensors
+memory is asked for than the file has bytes. Format: https://github.com/huggingface/safetensors
 """
 
 import json

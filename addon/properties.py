@@ -18,7 +18,10 @@ class AA4DObjectSettings(bpy.types.PropertyGroup):
     """`Object.aa4d`; `filepath` is empty on objects that were not imported by this add-on."""
 
     filepath: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Model File", description="The model file that this object shows", subtype="FILE_PATH"
+        name="Model File",
+        description="The model file that this object shows",
+        subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
     )
     carrier: bpy.props.EnumProperty(name="Carrier", items=CARRIER_ITEMS)  # type: ignore[valid-type]
     playback: bpy.props.EnumProperty(name="Playback", items=PLAYBACK_ITEMS)  # type: ignore[valid-type]

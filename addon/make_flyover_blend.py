@@ -1,0 +1,144 @@
+"""Make a .blend that opens on a trained scene, with the packaged extension; and render one frame of it.
+
+    python addon/make_flyover_blend.py MODEL --extension ZIP --out flyover.blend [--render frame.png] [--frame N]
+    blender -b -P addon/make_flyover_blend.py -- MODEL --extension ZIP --out flyover.blend ...
+
+The file is baked: it plays and renders in a Blender without the extension.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+SAMPLES = 16  # the materials only emit: samples smooth edges, there is no light to gather
+REPOSITORY = "aa4d_flyover"
+
+
+def arguments() -> argparse.Namespace:
+    """The command line: after `--` in Blender, everything in plain Python."""
+    given = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    parser = argparse.ArgumentParser(prog="make_flyover_blend.py", description="Make a .blend of a trained scene.")
+    parser.add_argument("model", type=Path, help="model.safetensors")
+    parser.add_argument("--extension", type=Path, required=True, help="the zip that build_extension.py wrote")
+    parser.add_argument("--out", type=Path, required=True, help="the .blend to write")
+    parser.add_argument("--render", type=Path, help="also render one frame to this PNG")
+    parser.add_argument("--frame", type=int, help="which frame to open on and to render; the middle one by default")
+    return parser.parse_args(given)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Silence standard output, to which Blender writes a line for every step of a render. Errors are not silenced."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def make(options: argparse.Namespace, scratch: str) -> None:
+    """Install, import, bake, save, render.
+
+    Raises:
+        RuntimeError: Blender reports an error: an unusable model or extension, a folder that cannot be written.
+    """
+    import bpy
+
+    # Factory settings and a repository of our own: whatever the person has installed or configured stays out of it.
+    bpy.ops.wm.read_factory_settings()
+    extensions = os.path.join(scratch, "flyover")
+    os.makedirs(extensions)
+    bpy.ops.preferences.extension_repo_add(
+        type="LOCAL", name=REPOSITORY, use_custom_directory=True, custom_directory=extensions
+    )
+    repository = bpy.context.preferences.extensions.repos[-1].module
+    bpy.ops.extensions.package_install_files(
+        filepath=str(options.extension.resolve()), repo=repository, enable_on_install=True, overwrite=True
+    )
+    module = f"bl_ext.{repository}.adaanchor4d"
+    try:
+        build_scene(options)
+    finally:
+        # Blender 4.5 as a module hangs at exit while classes or handlers of an add-on are registered.
+        bpy.ops.preferences.addon_disable(module=module)
+
+
+def build_scene(options: argparse.Namespace) -> None:
+    """Fill the start-up scene, save it, and render."""
+    import bpy
+
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    bpy.ops.outliner.orphans_purge(do_recursive=True)
+    bpy.ops.aa4d.import_model(filepath=str(options.model.resolve()), set_up_scene=True, bake=True)
+    scene = bpy.context.scene
+    bpy.context.active_object.select_set(False)
+    frame = options.frame if options.frame is not None else (scene.frame_start + scene.frame_end) // 2
+    if not scene.frame_start <= frame <= scene.frame_end:
+        raise RuntimeError(f"--frame {frame} is outside the clip, {scene.frame_start} to {scene.frame_end}.")
+    scene.frame_set(frame)
+    scene.cycles.samples = SAMPLES
+    scene.cycles.use_denoising = False  # it would smear points, which are not noise
+    scene.cycles.max_bounces = 0
+    scene.render.resolution_percentage = max(100, round(100 * 640 / scene.render.resolution_x))
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            if area.type == "VIEW_3D":
+                view = area.spaces.active
+                view.region_3d.view_perspective = "CAMERA"
+                view.shading.type = "MATERIAL"
+                view.shading.use_scene_world = True
+                view.clip_end = scene.camera.data.clip_end
+    out = options.out.resolve()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    # Saved under its final name, so that links in it are relative to it; Blender writes a temporary file and renames.
+    bpy.context.preferences.filepaths.save_version = 0
+    bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True, relative_remap=True)
+    if options.render is not None:
+        picture = options.render.resolve()
+        partial = picture.with_name(f".{picture.stem}.partial.png")
+        scene.render.image_settings.file_format = "PNG"
+        scene.render.filepath = str(partial)
+        bpy.ops.render.render(write_still=True)
+        os.replace(partial, picture)
+
+
+def main() -> int:
+    """Command line."""
+    options = arguments()
+    with tempfile.TemporaryDirectory() as scratch:
+        if "bpy" not in sys.modules:  # in Blender itself it is too late, and factory settings must do
+            os.environ["BLENDER_USER_RESOURCES"] = scratch
+        try:
+            with quiet():
+                make(options, scratch)
+        except RuntimeError as error:
+            print(str(error).strip(), file=sys.stderr)
+            return 2
+    print(f"Saved {options.out}")
+    if options.render is not None:
+        print(f"Rendered {options.render}")
+    return 0
+
+
+if __name__ == "__main__":
+    code = 1
+    try:
+        code = main()
+    except SystemExit as stop:  # the argument parser's
+        code = int(stop.code or 0)
+    except BaseException:
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # Blender 4.5 as a module can hang in its own exit
