@@ -26,7 +26,8 @@ def bake(obj: bpy.types.Object, on_frame: Callable[[int], None] = lambda _: None
         for key in names.carrier_keys(carrier):
             points.write(mesh, names.key_name(key, rank), key.type, values[key.attribute][rows])
         on_frame(rank + 1)
-    nodes.add_modifier(obj, names.KEYS_MODIFIER, nodes.keys_group(carrier), Key_Count=count)
+    modifier = nodes.add_modifier(obj, names.KEYS_MODIFIER, nodes.keys_group(carrier))
+    nodes.set_modifier_input(modifier, nodes.KEY_COUNT, count)
     obj.modifiers.move(len(obj.modifiers) - 1, 0)
     obj.aa4d.playback = "BAKED"
     mesh.update()

@@ -8,6 +8,7 @@ import bpy
 from . import names
 
 VERSION = 1
+KEY_COUNT = "Key Count"
 GAUSSIAN_SIGMAS = 3.0  # how far out an ellipsoid reaches: beyond, a Gaussian is under 1.2 % of its peak
 MIX_TYPES = {
     "FLOAT": "FLOAT",
@@ -64,8 +65,8 @@ def keys_group(carrier: str) -> bpy.types.NodeTree:
     group, made = _group(f"AdaAnchor4D Keys ({carrier.title()})")
     if not made:
         return group
-    group.interface.new_socket("Key Count", in_out="INPUT", socket_type="NodeSocketInt")
-    last = _math(group, "SUBTRACT", _input(group, "Key Count"), 1.0)
+    group.interface.new_socket(KEY_COUNT, in_out="INPUT", socket_type="NodeSocketInt")
+    last = _math(group, "SUBTRACT", _input(group, KEY_COUNT), 1.0)
     now = socket(group.nodes.new("GeometryNodeInputSceneTime").outputs, "Frame")
     rank = _math(group, "MAXIMUM", _math(group, "SUBTRACT", now, float(names.FIRST_FRAME)), 0.0)
     rank = _math(group, "MINIMUM", rank, last)
@@ -103,15 +104,35 @@ def keys_group(carrier: str) -> bpy.types.NodeTree:
     return group
 
 
-def add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.NodeTree, **inputs: object) -> bpy.types.Modifier:
-    """A Geometry Nodes modifier that runs `group`, its inputs set by their names with `_` for a space."""
+def add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.NodeTree) -> bpy.types.Modifier:
+    """A Geometry Nodes modifier that runs `group`."""
     modifier = obj.modifiers.new(name, "NODES")
     modifier.node_group = group
-    for item in group.interface.items_tree:
-        key = item.name.replace(" ", "_")
-        if key in inputs:
-            modifier[item.identifier] = inputs[key]
     return modifier
+
+
+def input_names(group: bpy.types.NodeTree) -> list[str]:
+    """The inputs of a group that a person sets, in order."""
+    items = group.interface.items_tree
+    return [item.name for item in items if item.in_out == "INPUT" and item.socket_type != "NodeSocketGeometry"]
+
+
+def modifier_input(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str]:
+    """Where the modifier keeps this input: the owner and the path of the property, as `UILayout.prop` wants them."""
+    items = modifier.node_group.interface.items_tree
+    identifier = next(item.identifier for item in items if item.in_out == "INPUT" and item.name == name)
+    if hasattr(modifier, "properties"):  # 5.2; before, inputs were custom properties of the modifier
+        return getattr(modifier.properties.inputs, identifier), "value"
+    return modifier, f'["{identifier}"]'
+
+
+def set_modifier_input(modifier: bpy.types.Modifier, name: str, value: float) -> None:
+    """Set an input of a Geometry Nodes modifier."""
+    owner, path = modifier_input(modifier, name)
+    if path == "value":
+        owner.value = value
+    else:
+        owner[path[2:-2]] = value
 
 
 def _group(name: str) -> tuple[bpy.types.NodeTree, bool]:

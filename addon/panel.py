@@ -2,7 +2,7 @@
 
 import bpy
 
-from . import names, playback
+from . import names, nodes, playback
 from .operators import Bake, FreeBake, ImportModel
 
 
@@ -37,9 +37,8 @@ class ImportPanel(bpy.types.Panel):
             layout.label(text=problem, icon="ERROR")
         modifier = obj.modifiers.get(names.LOOK_MODIFIER)
         if modifier is not None and modifier.node_group is not None:
-            for item in modifier.node_group.interface.items_tree:
-                if item.in_out == "INPUT" and item.socket_type == "NodeSocketFloat":
-                    layout.prop(modifier, f'["{item.identifier}"]', text=item.name)
+            for name in nodes.input_names(modifier.node_group):
+                layout.prop(*nodes.modifier_input(modifier, name), text=name)
 
 
 def register() -> None:

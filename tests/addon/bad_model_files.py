@@ -78,12 +78,12 @@ def _shear(information: dict[str, Any]) -> None:
 
 
 BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "missing": (lambda path: None, "cannot be read"),
+    "missing": (lambda path: path.unlink(missing_ok=True), "cannot be read"),
     "a folder": (lambda path: path.mkdir(), "cannot be read"),
     "empty": (lambda path: path.write_bytes(b""), "not a safetensors file"),
     "a text": (lambda path: path.write_text("not a model " * 100), "not a safetensors file"),
     "a pickle": (lambda path: path.write_bytes(pickle.dumps(Exploit())), "not a safetensors file"),
-    "cut in the header": (cut(lambda content: 100), "cut short"),
+    "cut in the header": (cut(lambda content: len(content) // 100), "cut short"),
     "cut in the tensors": (cut(lambda content: len(content) - 1000), "cut short"),
     "a header of two gigabytes": (
         lambda path: path.write_bytes(struct.pack("<Q", 2**31) + b"{" + b" " * 64),

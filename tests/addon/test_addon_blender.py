@@ -17,8 +17,10 @@ FRAMES = 5
 @pytest.fixture
 def bpy(extension: str) -> Any:
     """Blender with the extension and an empty file."""
+    import addon_utils
     import bpy
 
+    assert addon_utils.check(extension) == (True, True)
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     return bpy
 
@@ -54,29 +56,12 @@ def attribute(data: Any, name: str) -> np.ndarray:
     return values.reshape(-1, width) if width > 1 else values
 
 
-def seen(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
-    """What is drawn: the evaluated points, in the order of their ids, with every opacity let through."""
-    look = obj.modifiers["AdaAnchor4D"]
-    threshold = next(i for i in look.node_group.interface.items_tree if i.name == "Minimum Opacity")
-    look[threshold.identifier] = 0.0
-    obj.update_tag()
-    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    geometry = evaluated.evaluated_geometry()  # kept: what it holds dies with it
-    cloud = geometry.pointcloud if obj.aa4d.carrier == "ANCHORS" else geometry.instances_pointcloud()
-    names = [
-        name for name in ("aa_color", "aa_opacity", "aa_radius", "aa_scale", "aa_rotation") if name in cloud.attributes
-    ]
-    order = np.argsort(attribute(cloud, "aa_id"))
-    values = {name: attribute(cloud, name)[order] for name in names}
-    return {"position": _positions(cloud)[order], **values}
-
-
-def _positions(cloud: Any) -> np.ndarray:
-    if "position" in cloud.attributes:
-        return attribute(cloud, "position")
-    values = np.empty(len(cloud.attributes["instance_transform"].data) * 16, np.float32)
-    cloud.attributes["instance_transform"].data.foreach_get("value", values)
-    return values.reshape(-1, 4, 4)[:, 3, :3]
+def played(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
+    """What the timeline makes of the points, baked or live, before the look turns them into something to draw."""
+    obj.modifiers["AdaAnchor4D"].show_viewport = False
+    data = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    names = ("position", "aa_color", "aa_opacity", "aa_radius", "aa_scale", "aa_rotation")
+    return {name: attribute(data, name) for name in names if name in data.attributes}
 
 
 def srgb(linear: np.ndarray) -> np.ndarray:
@@ -125,7 +110,7 @@ def test_live_points_follow_the_specification(bpy: Any, model_path: Path, carrie
     expected = expected_at(frame)
     positions = expected["anchors" if carrier == "ANCHORS" else "positions"].reshape(-1, 3)
     extent = np.ptp(positions, axis=0).max()
-    assert np.abs(seen(bpy, obj)["position"] - positions).max() < 1e-4 * extent
+    assert np.abs(played(bpy, obj)["position"] - positions).max() < 1e-4 * extent
     if carrier == "GAUSSIANS":
         np.testing.assert_allclose(
             srgb(attribute(obj.data, "aa_color")[:, :3]), expected["colors"].reshape(-1, 3), atol=1e-4
@@ -134,6 +119,25 @@ def test_live_points_follow_the_specification(bpy: Any, model_path: Path, carrie
         np.testing.assert_allclose(
             attribute(obj.data, "aa_rotation"), expected["quaternions"].reshape(-1, 4), atol=1e-4
         )
+
+
+def test_draws_what_is_opaque_enough(bpy: Any, model_path: Path) -> None:
+    anchors = imported(bpy, model_path)
+    geometry = anchors.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+    cloud = geometry.pointcloud
+    opacity = attribute(anchors.data, "aa_opacity")
+    np.testing.assert_array_equal(attribute(cloud, "aa_id"), np.flatnonzero(opacity >= 0.05))
+    np.testing.assert_allclose(attribute(cloud, "radius"), attribute(anchors.data, "aa_radius")[opacity >= 0.05])
+    gaussians = imported(bpy, model_path, carrier="GAUSSIANS")
+    centers, sizes = [], []
+    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
+        if instance.is_instance and instance.parent.original == gaussians:
+            centers.append(instance.matrix_world.translation[:])
+            sizes.append(instance.matrix_world.to_scale()[:])
+    drawn = attribute(gaussians.data, "aa_opacity") >= 0.05
+    assert 0 < drawn.sum() < len(drawn)
+    np.testing.assert_allclose(centers, attribute(gaussians.data, "position")[drawn], atol=1e-4)
+    np.testing.assert_allclose(sizes, 3 * attribute(gaussians.data, "aa_scale")[drawn], rtol=1e-3)
 
 
 def test_timeline_is_the_clip_and_holds_outside_it(bpy: Any, model_path: Path) -> None:
@@ -163,11 +167,11 @@ def test_bake_equals_live(bpy: Any, model_path: Path, carrier: str) -> None:
     live = []
     for frame in range(1, FRAMES + 1):
         go_to(bpy, frame)
-        live.append(seen(bpy, obj))
+        live.append(played(bpy, obj))
     assert bpy.ops.aa4d.bake() == {"FINISHED"}
     for frame in range(1, FRAMES + 1):
         go_to(bpy, frame)
-        baked = seen(bpy, obj)
+        baked = played(bpy, obj)
         assert baked.keys() == live[frame - 1].keys()
         for name, values in live[frame - 1].items():
             if name == "aa_color":  # eight bits a channel
@@ -178,10 +182,10 @@ def test_bake_equals_live(bpy: Any, model_path: Path, carrier: str) -> None:
                 np.testing.assert_allclose(baked[name], values, atol=1.01 / 255 if name == "aa_opacity" else 1e-4)
     go_to(bpy, 3.25)
     between = 0.75 * live[2]["position"] + 0.25 * live[3]["position"]
-    np.testing.assert_allclose(seen(bpy, obj)["position"], between, atol=1e-4)
+    np.testing.assert_allclose(played(bpy, obj)["position"], between, atol=1e-4)
     assert bpy.ops.aa4d.free_bake() == {"FINISHED"}
     go_to(bpy, 4)
-    np.testing.assert_allclose(seen(bpy, obj)["position"], live[3]["position"], atol=1e-6)
+    np.testing.assert_allclose(played(bpy, obj)["position"], live[3]["position"], atol=1e-6)
     assert not [a.name for a in obj.data.attributes if a.name[-4:].isdigit()]
 
 
@@ -212,7 +216,7 @@ def test_drone_camera_projects_as_the_capture(bpy: Any, model_path: Path) -> Non
     camera = next(obj for obj in bpy.data.objects if obj.type == "CAMERA")
     _, information = make_model(60, FRAMES)
     K = np.array(information["camera"]["K"])
-    world = np.random.default_rng(5).uniform(-10, 10, (20, 3)) + [30, -20, 4]
+    world = np.random.default_rng(5).uniform(-10, 10, (20, 3)) + np.array([30, -20, 4])
     for rank in range(FRAMES):
         go_to(bpy, rank + 1)
         viewmat = np.array(information["frames"][rank]["viewmat"])
@@ -318,7 +322,7 @@ def test_points_deleted_by_hand_stay_deleted(bpy: Any, model_path: Path) -> None
     np.testing.assert_allclose(attribute(obj.data, "position"), expected_at(3)["anchors"][20:], atol=1e-3)
     assert bpy.ops.aa4d.bake() == {"FINISHED"}
     go_to(bpy, 5)
-    np.testing.assert_allclose(seen(bpy, obj)["position"], expected_at(5)["anchors"][20:], atol=1e-3)
+    np.testing.assert_allclose(played(bpy, obj)["position"], expected_at(5)["anchors"][20:], atol=1e-3)
 
 
 def test_the_same_frame_twice_is_evaluated_once(bpy: Any, extension: str, model_path: Path) -> None:

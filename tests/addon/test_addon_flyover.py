@@ -1,0 +1,48 @@
+"""The script that makes flyover.blend, run as the demo runs it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from model_files import make_model, write_model
+from PIL import Image
+
+SCRIPT = Path(__file__).resolve().parent.parent.parent / "addon" / "make_flyover_blend.py"
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(SCRIPT), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_makes_a_blend_and_a_picture(extension_zip: Path, tmp_path: Path) -> None:
+    model = write_model(tmp_path / "model.safetensors", *make_model(300))
+    blend, picture = tmp_path / "flyover.blend", tmp_path / "frame.png"
+    done = run(model, "--extension", extension_zip, "--out", blend, "--render", picture, "--frame", 2)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [f"Saved {blend}", f"Rendered {picture}"]
+    assert blend.read_bytes()[:4] in (b"BLEN", b"\x28\xb5\x2f\xfd")  # plain, or compressed by zstd
+    with Image.open(picture) as image:
+        assert image.size == (640, 360)
+        pixels = np.asarray(image.convert("RGB"))
+    background = np.round(255 * np.array([0.1, 0.2, 0.3]))
+    shown = (np.abs(pixels - background) > 8).any(axis=2).mean()
+    assert 0.05 < shown < 0.95
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(("frame", "words"), [(None, "cut short"), (99, "--frame 99 is outside the clip, 1 to 5")])
+def test_bad_input_is_one_line_and_leaves_nothing(
+    frame: int | None, words: str, extension_zip: Path, tmp_path: Path
+) -> None:
+    model = write_model(tmp_path / "model.safetensors", *make_model(20))
+    if frame is None:
+        model.write_bytes(model.read_bytes()[:-50])
+    options = [] if frame is None else ["--frame", frame]
+    done = run(model, "--extension", extension_zip, "--out", tmp_path / "flyover.blend", *options)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == [model]
