@@ -109,8 +109,12 @@ def build_scene(options: argparse.Namespace) -> None:
         partial = picture.with_name(f".{picture.stem}.partial.png")
         scene.render.image_settings.file_format = "PNG"
         scene.render.filepath = str(partial)
-        bpy.ops.render.render(write_still=True)
-        os.replace(partial, picture)
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            bpy.ops.render.render(write_still=True)
+            os.replace(partial, picture)
+        finally:
+            partial.unlink(missing_ok=True)
 
 
 def main() -> int:
@@ -137,7 +141,9 @@ if __name__ == "__main__":
         code = main()
     except SystemExit as stop:  # the argument parser's
         code = int(stop.code or 0)
-    except BaseException:
+    except KeyboardInterrupt:
+        code = 130
+    except Exception:
         traceback.print_exc()
     sys.stdout.flush()
     sys.stderr.flush()

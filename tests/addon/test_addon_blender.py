@@ -1,9 +1,12 @@
 """The packaged extension, driven as a person or a script does: operators, the timeline, save and reload."""
 
+import importlib
 import shutil
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -100,6 +103,28 @@ def test_disables_and_enables_again(extension: str) -> None:
         assert bpy.types.AA4D_PT_import.bl_label == "Import AdaAnchor4D"
     assert bpy.types.AA4D_PT_import.bl_space_type == "VIEW_3D"
     assert bpy.types.AA4D_PT_import.bl_region_type == "UI"
+
+
+def test_panel_shows_the_active_object(bpy: Any, extension: str, model_path: Path) -> None:
+    """Drawn into a stand-in for the layout: without a window Blender draws no panels."""
+    draw = importlib.import_module(f"{extension}.panel").ImportPanel.draw
+    layout = MagicMock()
+    draw(SimpleNamespace(layout=layout), bpy.context)
+    layout.operator.assert_called_once()
+    obj = imported(bpy, model_path)
+    draw(SimpleNamespace(layout=layout), bpy.context)
+    column = layout.column.return_value
+    labels = [call.kwargs["text"] for call in column.label.call_args_list]
+    assert labels[0] == "60 anchors"
+    assert labels[1].startswith("Live: ")
+    for call in layout.prop.call_args_list:
+        owner, path = call.args
+        assert (owner.path_resolve(path) if path.startswith("[") else getattr(owner, path)) is not None
+    assert [call.kwargs["text"] for call in layout.prop.call_args_list] == ["Radius Factor", "Minimum Opacity"]
+    obj.modifiers.clear()
+    bpy.ops.aa4d.bake()
+    draw(SimpleNamespace(layout=layout), bpy.context)
+    assert column.label.call_args.kwargs["text"] == "Baked"
 
 
 @pytest.mark.parametrize("frame", [1.0, 2.0, 2.5, 4.5, 5.0])
@@ -326,8 +351,6 @@ def test_points_deleted_by_hand_stay_deleted(bpy: Any, model_path: Path) -> None
 
 
 def test_the_same_frame_twice_is_evaluated_once(bpy: Any, extension: str, model_path: Path) -> None:
-    import importlib
-
     playback = importlib.import_module(f"{extension}.playback")
     obj = imported(bpy, model_path)
     go_to(bpy, 3)
