@@ -82,7 +82,8 @@ def build_scene(options: argparse.Namespace) -> None:
     bpy.ops.outliner.orphans_purge(do_recursive=True)
     bpy.ops.aa4d.import_model(filepath=str(options.model.resolve()), set_up_scene=True, bake=True)
     scene = bpy.context.scene
-    bpy.context.active_object.select_set(False)
+    points = bpy.context.active_object
+    points.select_set(False)
     frame = options.frame if options.frame is not None else (scene.frame_start + scene.frame_end) // 2
     if not scene.frame_start <= frame <= scene.frame_end:
         raise RuntimeError(f"--frame {frame} is outside the clip, {scene.frame_start} to {scene.frame_end}.")
@@ -101,9 +102,9 @@ def build_scene(options: argparse.Namespace) -> None:
                 view.clip_end = scene.camera.data.clip_end
     out = options.out.resolve()
     out.parent.mkdir(parents=True, exist_ok=True)
-    # Saved under its final name, so that links in it are relative to it; Blender writes a temporary file and renames.
-    bpy.context.preferences.filepaths.save_version = 0
-    bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True, relative_remap=True)
+    points.aa4d.filepath = bpy.path.relpath(str(options.model.resolve()), start=str(out.parent))
+    bpy.context.preferences.filepaths.save_version = 0  # no flyover.blend1 beside it
+    bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True)  # to a temporary file, renamed when whole
     if options.render is not None:
         picture = options.render.resolve()
         partial = picture.with_name(f".{picture.stem}.partial.png")

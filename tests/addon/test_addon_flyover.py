@@ -17,7 +17,10 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_makes_a_blend_and_a_picture(extension_zip: Path, tmp_path: Path) -> None:
+def test_makes_a_blend_and_a_picture(extension: str, extension_zip: Path, tmp_path: Path) -> None:
+    import bpy
+
+    assert extension  # installed here, to look into the file
     model = write_model(tmp_path / "model.safetensors", *make_model(300))
     blend, picture = tmp_path / "flyover.blend", tmp_path / "frame.png"
     done = run(model, "--extension", extension_zip, "--out", blend, "--render", picture, "--frame", 2)
@@ -31,6 +34,21 @@ def test_makes_a_blend_and_a_picture(extension_zip: Path, tmp_path: Path) -> Non
     shown = (np.abs(pixels - background) > 8).any(axis=2).mean()
     assert 0.05 < shown < 0.95
     assert not list(tmp_path.glob(".*"))
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    scene = bpy.context.scene
+    assert (scene.frame_start, scene.frame_end, scene.frame_current) == (1, 5, 2)
+    assert scene.camera.type == "CAMERA"
+    obj = next(obj for obj in bpy.data.objects if obj.type == "MESH")
+    assert obj.aa4d.filepath == "//model.safetensors"
+    places = []
+    for frame in (1, 5):
+        scene.frame_set(frame)
+        geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+        cloud = geometry.pointcloud
+        place = np.empty(3 * len(cloud.points), np.float32)
+        cloud.attributes["position"].data.foreach_get("vector", place)
+        places.append(np.median(place.reshape(-1, 3), axis=0))
+    assert np.linalg.norm(places[1] - places[0]) > 0.1
 
 
 @pytest.mark.parametrize(("frame", "words"), [(None, "cut short"), (99, "--frame 99 is outside the clip, 1 to 5")])
