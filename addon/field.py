@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .container import Floats
+from .container import Floats, ModelFileError
 from .model import PLANES, Doubles, Model
 
 Indices = npt.NDArray[np.intp]
 
 CHUNK = 4096  # anchors at a time: the temporaries of one chunk stay in the processor's cache
+MEMORY_RATIO = 64  # of what `prepare` keeps to the size of the file; the default configuration needs about 4
+TIME_NETWORK_BIASES = ("acfa.hidden.bias", "dlgd_offset.hidden.bias", "dlgd_scale.hidden.bias")
 
 
 @dataclass(frozen=True)
@@ -83,9 +85,14 @@ class LocalGaussians:
 
 
 def prepare(model: Model) -> Field:
-    """Compute everything about a model that does not depend on the time (steps 1 and 2, and shares of 3 and 5)."""
+    """Compute everything about a model that does not depend on the time (steps 1 and 2, and shares of 3 and 5).
+
+    Raises:
+        ModelFileError: that would take memory out of all proportion to the file, as only a hostile one does.
+    """
     if model.static:
         return Field(model, (), None, None, None)
+    _check_memory(model)
     tensors = model.tensors
     query = _warped_positions(model)
     levels = []
@@ -140,24 +147,41 @@ def anchor_state(field: Field, t: float) -> AnchorState:
 def local_gaussians(field: Field, state: AnchorState, camera_center: Doubles) -> LocalGaussians:
     """Decode the local Gaussians as a camera at `camera_center` [3] (world metres) sees them (step 6)."""
     model = field.model
-    count, K = len(state.positions), model.config.offsets
     center = ((camera_center - model.translation) / model.scale).astype(np.float32)
     direction = state.positions - center
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.float32(1e-12))
-    inputs = np.concatenate([state.features, direction], axis=1)
+    decoded = [_decode(model, state, direction, part) for part in _chunks(len(direction))]
+    positions, colors, opacities, scales, quaternions = (np.concatenate(parts) for parts in zip(*decoded, strict=True))
+    return LocalGaussians(positions, colors, opacities, scales, quaternions)
+
+
+def _decode(model: Model, state: AnchorState, direction: Floats, part: slice) -> tuple[Floats, ...]:
+    """The fields of LocalGaussians for a slice of the anchors; `direction` [N, 3] from the camera, unit."""
+    shape = (-1, model.config.offsets)
+    inputs = np.concatenate([state.features[part], direction[part]], axis=1)
     opacities = np.tanh(_mlp(model, "decoder_opacity", inputs))
-    colors = _sigmoid(_mlp(model, "decoder_color", inputs)).reshape(count, K, 3)
-    covariance = _mlp(model, "decoder_covariance", inputs).reshape(count, K, 7)
-    scales = state.scales[:, None, 3:] * _sigmoid(covariance[..., :3])
+    colors = _sigmoid(_mlp(model, "decoder_color", inputs)).reshape(*shape, 3)
+    covariance = _mlp(model, "decoder_covariance", inputs).reshape(*shape, 7)
+    state_scales = state.scales[part, None]
+    scales = np.float32(model.scale) * state_scales[..., 3:] * _sigmoid(covariance[..., :3])
     quaternions = covariance[..., 3:]
     quaternions = quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), np.float32(1e-12))
-    positions = state.positions[:, None] + state.offsets * state.scales[:, None, :3]
-    return LocalGaussians(to_world(model, positions), colors, opacities, np.float32(model.scale) * scales, quaternions)
+    positions = state.positions[part, None] + state.offsets[part] * state_scales[..., :3]
+    return to_world(model, positions), colors, opacities, scales, quaternions
 
 
 def to_world(model: Model, positions: Floats) -> Floats:
     """Positions [..., 3] of the model frame in world metres."""
     return (model.scale * positions.astype(np.float64) + model.translation).astype(np.float32)
+
+
+def _check_memory(model: Model) -> None:
+    hidden = sum(len(tensor) for name, tensor in model.tensors.items() if name.endswith(TIME_NETWORK_BIASES))
+    needed = 4 * model.anchor_count * (3 * model.config.plane_dim * model.config.levels + hidden)
+    if needed > max(2**30, MEMORY_RATIO * sum(tensor.nbytes for tensor in model.tensors.values())):
+        raise ModelFileError(
+            f"{model.path.name} would need {needed / 2**30:.0f} GiB to evaluate, out of proportion to its size."
+        )
 
 
 def _chunks(count: int) -> Iterator[slice]:

@@ -17,6 +17,7 @@ Doubles = npt.NDArray[np.float64]
 
 VERSION = 1
 PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
+WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
 LIMIT_M = 10_000.0  # docs/formats.md: a world is local; beyond 10 km float32 loses millimetres
 
 
@@ -116,9 +117,11 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         camera = _camera(information["camera"])
         viewmats = _viewmats(information["frames"])
         background = _array(information["background"], (3,), "background")
-    except (KeyError, TypeError, AttributeError) as error:
+    except KeyError as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata lacks or misspells {error}.") from error
-    except ValueError as error:
+    except (TypeError, AttributeError) as error:
+        raise ModelFileError(f"{path.name}: its aa4d metadata is not laid out as docs/formats.md says.") from error
+    except (ValueError, OverflowError) as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata is not usable: {error}.") from error
     tensors = read_tensors(path, header.entries, _check_shapes(path.name, header.entries, config, static))
     _check_values(path.name, tensors, scale, translation)
@@ -146,7 +149,7 @@ def _number(value: Any, name: str) -> float:
     return float(value)
 
 
-def _integer(value: Any, name: str, largest: int = 65536) -> int:
+def _integer(value: Any, name: str, largest: int) -> int:
     _require(type(value) is int and 1 <= value <= largest, f"{name} must be a whole number from 1 to {largest}")
     return int(value)
 
@@ -166,7 +169,7 @@ def _config(value: Any) -> Config:
     )
     _require(type(value["dlgd"]) is bool, "config.dlgd must be true or false")
     names = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins")
-    return Config(**{name: _integer(value[name], f"config.{name}") for name in names}, dlgd=value["dlgd"])
+    return Config(**{name: _integer(value[name], f"config.{name}", WIDEST) for name in names}, dlgd=value["dlgd"])
 
 
 def _similarity(value: Any) -> tuple[float, Doubles]:
@@ -188,7 +191,7 @@ def _camera(value: Any) -> Camera:
     _require(
         K[0, 0] > 0 and K[1, 1] > 0 and np.array_equal(K, pinhole), "camera.K must be [[fx,0,cx],[0,fy,cy],[0,0,1]]"
     )
-    return Camera(_integer(value["width"], "camera.width"), _integer(value["height"], "camera.height"), K)
+    return Camera(_integer(value["width"], "camera.width", 65536), _integer(value["height"], "camera.height", 65536), K)
 
 
 def _viewmats(frames: Any) -> Doubles:
@@ -219,6 +222,8 @@ def _check_shapes(file_name: str, entries: Mapping[str, Entry], config: Config, 
     def layer(name: str, outputs: int | None, inputs: int) -> int:
         """Expect a linear layer; `outputs` None leaves its width to the file. Returns the width."""
         width = outputs if outputs is not None else next(iter(shape_of(f"{name}.weight")), 0)
+        if outputs is None and width > WIDEST:
+            raise ModelFileError(f"{file_name}: layer {name} is {width} wide; at most {WIDEST} is read.")
         names.extend((expect(f"{name}.weight", width, inputs), expect(f"{name}.bias", width)))
         return width
 

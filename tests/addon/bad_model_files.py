@@ -77,6 +77,35 @@ def _shear(information: dict[str, Any]) -> None:
     information["model_to_world"][0][1] = 3.0
 
 
+def swollen(path: Path) -> object:
+    """Many bare anchors and wide planes of one texel: a small file that asks for gigabytes."""
+    tensors, information = make_model(20)
+    C = 4096
+    anchors = 40_000
+    information["config"].update(plane_dim=C, offsets=1, feature_dim=1, embedding_dim=1, dlgd=False)
+    shapes = {"anchors.position": (3,), "anchors.feature": (1,), "anchors.offset": (1, 3), "anchors.log_scale": (6,)}
+    shapes["anchors.embedding_acfa"] = (1,)
+    small: dict[str, np.ndarray] = {name: np.zeros((anchors, *shape), np.float32) for name, shape in shapes.items()}
+
+    def network(name: str, outputs: int, inputs: int) -> None:
+        small[f"{name}.hidden.weight"], small[f"{name}.hidden.bias"] = np.zeros((1, inputs)), np.zeros(1)
+        small[f"{name}.output.weight"], small[f"{name}.output.bias"] = np.zeros((outputs, 1)), np.zeros(outputs)
+
+    for name, outputs, inputs in (
+        ("decoder_opacity", 1, 4),
+        ("decoder_color", 3, 4),
+        ("decoder_covariance", 7, 4),
+        ("acfa", 6 * C, 2),
+        ("head_position", 3, 1),
+        ("head_feature", 1, 1),
+    ):
+        network(name, outputs, inputs)
+    small["encoder.weight"], small["encoder.bias"] = np.zeros((1, 2 * C)), np.zeros(1)
+    small.update({name: np.zeros((C, 1, 1)) for name in tensors if name.startswith("field.planes")})
+    small.update({name: tensors[name] for name in ("field.box", "warp.boundaries")})
+    return write_model(path, small, information)
+
+
 BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda path: path.unlink(missing_ok=True), "cannot be read"),
     "a folder": (lambda path: path.mkdir(), "cannot be read"),
@@ -144,6 +173,8 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
         "viewmat of frame 2",
     ),
     "no frame rate": (with_information(lambda info: info.update(fps=0)), "fps"),
+    "an immense frame rate": (with_information(lambda info: info.update(fps=10**400)), "not usable"),
+    "frames that are numbers": (with_information(lambda info: info.update(frames=[3])), "not laid out"),
     "another camera": (with_information(lambda info: info["camera"].update(model="FISHEYE")), "PINHOLE"),
     "a camera without K": (with_information(lambda info: info["camera"].pop("K")), "K"),
     "positions that are not numbers": (with_tensor("anchors.position", not_a_number), "not finite"),
@@ -154,6 +185,11 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "a flat plane": (with_tensor("field.planes.1.xt", lambda array: array[0]), "field.planes.1.xt has shape"),
     "layers that do not fit": (with_tensor("acfa.hidden.bias", lambda array: array[:-1]), "acfa.hidden.bias has shape"),
     "a scalar weight": (with_tensor("encoder.weight", lambda array: array[0, 0]), "encoder.weight has shape"),
+    "an immense layer": (
+        with_tensor("acfa.hidden.weight", lambda array: np.zeros((5000, array.shape[1]), np.float32)),
+        "5000 wide",
+    ),
+    "more memory than it justifies": (swollen, "out of proportion"),
     "boundaries that go back": (with_tensor("warp.boundaries", lambda array: -array), "must increase"),
     "a box turned over": (with_tensor("field.box", lambda array: array[::-1]), "field.box"),
     "a tensor too few": (

@@ -10,6 +10,7 @@ from bad_model_files import BAD_FILES
 from model_files import header_and_data, make_model, write_file, write_model
 
 from addon.container import ModelFileError
+from addon.field import prepare
 from addon.model import read_model
 
 
@@ -19,7 +20,7 @@ def test_unusable_file_is_refused_in_one_sentence(kind: str, tmp_path: Path) -> 
     path = tmp_path / "model.safetensors"
     write(path)
     with pytest.raises(ModelFileError) as refusal:
-        read_model(path)
+        prepare(read_model(path))
     message = str(refusal.value)
     assert words in message
     assert path.name in message
