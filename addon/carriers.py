@@ -9,8 +9,8 @@ from . import names
 from .container import Floats
 from .field import AnchorState, Field, LocalGaussians, anchor_state, local_gaussians, to_world
 
-# A point stands for a whole anchor, so it is drawn as large as its Gaussians reach: two standard deviations.
-RADIUS_SIGMAS = 2.0
+# How many standard deviations of its Gaussians an anchor's point reaches: fewer leave gaps, more hide small neighbours.
+RADIUS_SIGMAS = 1.5
 
 
 def point_count(field: Field, carrier: str) -> int:

@@ -1,6 +1,6 @@
 """Make a .blend that opens on a trained scene, with the packaged extension; and render one frame of it.
 
-    python addon/make_flyover_blend.py MODEL --extension ZIP --out flyover.blend [--render frame.png] [--frame N]
+    python addon/make_flyover_blend.py MODEL --extension ZIP --out flyover.blend [--render frame.png] ...
     blender -b -P addon/make_flyover_blend.py -- MODEL --extension ZIP --out flyover.blend ...
 
 The file is baked: it plays and renders in a Blender without the extension.
@@ -16,6 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 SAMPLES = 16  # the materials only emit: samples smooth edges, there is no light to gather
+GAUSSIAN_SAMPLES = 4  # a sample passes through dozens of Gaussians; what noise is left, denoising takes out
+FAINTEST = 0.05  # the modifier's own default for Minimum Opacity
 REPOSITORY = "aa4d_flyover"
 
 
@@ -26,6 +28,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("model", type=Path, help="model.safetensors")
     parser.add_argument("--extension", type=Path, required=True, help="the zip that build_extension.py wrote")
     parser.add_argument("--out", type=Path, required=True, help="the .blend to write")
+    parser.add_argument(
+        "--gaussians", action="store_true", help="render the local Gaussians instead of the anchors: slower, far finer"
+    )
     parser.add_argument("--render", type=Path, help="also render one frame to this PNG")
     parser.add_argument("--frame", type=int, help="which frame to open on and to render; the middle one by default")
     return parser.parse_args(given)
@@ -50,7 +55,7 @@ def make(options: argparse.Namespace, scratch: str) -> None:
     """Install, import, bake, save, render.
 
     Raises:
-        RuntimeError: Blender reports an error: an unusable model or extension, a folder that cannot be written.
+        RuntimeError, OSError: an unusable model or extension, a folder that cannot be written.
     """
     import bpy
 
@@ -87,9 +92,15 @@ def build_scene(options: argparse.Namespace) -> None:
     frame = options.frame if options.frame is not None else (scene.frame_start + scene.frame_end) // 2
     if not scene.frame_start <= frame <= scene.frame_end:
         raise RuntimeError(f"--frame {frame} is outside the clip, {scene.frame_start} to {scene.frame_end}.")
+    if options.gaussians:
+        points.hide_render = True
+        add_gaussians(options)
+    for obj in scene.objects:
+        if obj.type == "MESH":
+            obj.aa4d.filepath = bpy.path.relpath(str(options.model.resolve()), start=str(options.out.resolve().parent))
     scene.frame_set(frame)
-    scene.cycles.samples = SAMPLES
-    scene.cycles.use_denoising = False  # it would smear points, which are not noise
+    scene.cycles.samples = GAUSSIAN_SAMPLES if options.gaussians else SAMPLES
+    scene.cycles.use_denoising = options.gaussians  # transparency is sampled; bare points have no noise to take out
     scene.cycles.max_bounces = 0
     scene.render.resolution_percentage = max(100, round(100 * 640 / scene.render.resolution_x))
     for screen in bpy.data.screens:
@@ -102,7 +113,6 @@ def build_scene(options: argparse.Namespace) -> None:
                 view.clip_end = scene.camera.data.clip_end
     out = options.out.resolve()
     out.parent.mkdir(parents=True, exist_ok=True)
-    points.aa4d.filepath = bpy.path.relpath(str(options.model.resolve()), start=str(out.parent))
     bpy.context.preferences.filepaths.save_version = 0  # no flyover.blend1 beside it
     bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True)  # to a temporary file, renamed when whole
     if options.render is not None:
@@ -118,6 +128,35 @@ def build_scene(options: argparse.Namespace) -> None:
             partial.unlink(missing_ok=True)
 
 
+def add_gaussians(options: argparse.Namespace) -> None:
+    """Bake the local Gaussians as a second object that is seen in renders alone.
+
+    Those that are transparent in every frame, often half of them, are deleted first: keys of all would be heavy.
+    """
+    import bpy
+    import numpy as np
+
+    bpy.ops.aa4d.import_model(
+        filepath=str(options.model.resolve()), carrier="GAUSSIANS", import_camera=False, set_timeline=False
+    )
+    scene, obj = bpy.context.scene, bpy.context.active_object
+    look = obj.modifiers[0]
+    look.show_viewport = False  # nothing is drawn here
+    opacity, now = np.zeros((2, len(obj.data.vertices)), np.float32)
+    for frame in range(scene.frame_start, scene.frame_end + 1):
+        scene.frame_set(frame)
+        obj.data.attributes["aa_opacity"].data.foreach_get("value", now)
+        np.maximum(opacity, now, out=opacity)
+    obj.data.vertices.foreach_set("select", opacity < FAINTEST)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.delete(type="VERT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.ops.aa4d.bake()
+    look.show_viewport = True
+    obj.select_set(False)
+    obj.hide_viewport = True
+
+
 def main() -> int:
     """Command line."""
     options = arguments()
@@ -127,7 +166,7 @@ def main() -> int:
         try:
             with quiet():
                 make(options, scratch)
-        except RuntimeError as error:
+        except (RuntimeError, OSError) as error:
             print(str(error).strip(), file=sys.stderr)
             return 2
     print(f"Saved {options.out}")

@@ -190,7 +190,7 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
         "5000 wide",
     ),
     "more memory than it justifies": (swollen, "out of proportion"),
-    "boundaries that go back": (with_tensor("warp.boundaries", lambda array: -array), "must increase"),
+    "boundaries that go back": (with_tensor("warp.boundaries", lambda array: -array), "must not decrease"),
     "a box turned over": (with_tensor("field.box", lambda array: array[::-1]), "field.box"),
     "a tensor too few": (
         lambda path: write_model(

@@ -17,13 +17,25 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_makes_a_blend_and_a_picture(extension: str, extension_zip: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("gaussians", [False, True])
+def test_makes_a_blend_and_a_picture(gaussians: bool, extension: str, extension_zip: Path, tmp_path: Path) -> None:
     import bpy
 
     assert extension  # installed here, to look into the file
     model = write_model(tmp_path / "model.safetensors", *make_model(300))
     blend, picture = tmp_path / "flyover.blend", tmp_path / "frame.png"
-    done = run(model, "--extension", extension_zip, "--out", blend, "--render", picture, "--frame", 2)
+    done = run(
+        model,
+        "--extension",
+        extension_zip,
+        "--out",
+        blend,
+        "--render",
+        picture,
+        "--frame",
+        2,
+        *["--gaussians"] * gaussians,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [f"Saved {blend}", f"Rendered {picture}"]
     assert blend.read_bytes()[:4] in (b"BLEN", b"\x28\xb5\x2f\xfd")  # plain, or compressed by zstd
@@ -31,14 +43,18 @@ def test_makes_a_blend_and_a_picture(extension: str, extension_zip: Path, tmp_pa
         assert image.size == (640, 360)
         pixels = np.asarray(image.convert("RGB"))
     background = np.round(255 * np.array([0.1, 0.2, 0.3]))
-    shown = (np.abs(pixels - background) > 8).any(axis=2).mean()
-    assert 0.05 < shown < 0.95
+    covered = (np.abs(pixels - background) > 8).any(axis=2).mean()
+    assert 0.05 < covered < 0.95
     assert not list(tmp_path.glob(".*"))
     bpy.ops.wm.open_mainfile(filepath=str(blend))
     scene = bpy.context.scene
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == (1, 5, 2)
     assert scene.camera.type == "CAMERA"
-    obj = next(obj for obj in bpy.data.objects if obj.type == "MESH")
+    shown = [obj for obj in bpy.data.objects if obj.type == "MESH" and not obj.hide_viewport]
+    assert [obj.aa4d.carrier for obj in shown] == ["ANCHORS"]
+    rendered = [obj for obj in bpy.data.objects if obj.type == "MESH" and not obj.hide_render]
+    assert [obj.aa4d.carrier for obj in rendered] == ["GAUSSIANS" if gaussians else "ANCHORS"]
+    obj = shown[0]
     assert obj.aa4d.filepath == "//model.safetensors"
     places = []
     for frame in (1, 5):
