@@ -71,6 +71,8 @@ def make(options: argparse.Namespace, scratch: str) -> None:
         filepath=str(options.extension.resolve()), repo=repository, enable_on_install=True, overwrite=True
     )
     module = f"bl_ext.{repository}.adaanchor4d"
+    if module not in bpy.context.preferences.addons:
+        raise RuntimeError(f"{options.extension} is not the extension; build it with addon/build_extension.py.")
     try:
         build_scene(options)
     finally:

@@ -80,3 +80,12 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert words in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert list(tmp_path.iterdir()) == [model]
+
+
+def test_foreign_extension_is_refused_in_one_line(tmp_path: Path) -> None:
+    pytest.importorskip("bpy")
+    model = write_model(tmp_path / "model.safetensors", *make_model(20))
+    done = run(model, "--extension", model, "--out", tmp_path / "flyover.blend")
+    assert done.returncode == 2
+    assert done.stderr.strip() == f"{model} is not the extension; build it with addon/build_extension.py."
+    assert list(tmp_path.iterdir()) == [model]
