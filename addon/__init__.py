@@ -1,0 +1,22 @@
+"""The Blender extension: trained AdaAnchor4D scenes on the timeline. This file only registers."""
+
+
+def register() -> None:
+    """Add the operators, the panel, the menu entry, drag and drop, and the playback handler to Blender."""
+    # Imported here and not above: the modules without bpy (model, field, carriers) also serve programs outside Blender.
+    from . import operators, panel, playback, properties
+
+    properties.register()
+    operators.register()
+    panel.register()
+    playback.register()
+
+
+def unregister() -> None:
+    """Take everything out again. Blender 4.5 as a module hangs at exit where this was not called."""
+    from . import operators, panel, playback, properties
+
+    playback.unregister()
+    panel.unregister()
+    operators.unregister()
+    properties.unregister()

@@ -1,0 +1,57 @@
+"""The capture's camera as an animated Blender camera with the same intrinsics and poses."""
+
+import itertools
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from . import names
+from .model import Doubles, Model
+
+SENSOR_MM = 36.0  # any width serves: the lens follows from it
+OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0])  # Blender's camera looks along -z with y up
+
+
+def create_camera(model: Model, name: str) -> bpy.types.Object:
+    """A camera with a key a frame: location and quaternion, linear between frames."""
+    data = bpy.data.cameras.new(name)
+    camera, K = model.camera, model.camera.K
+    data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR_MM
+    data.lens = K[0, 0] * SENSOR_MM / camera.width
+    # Shifts are in units of the image's width as it is seen, which pixel_aspect makes equal on both axes.
+    data.shift_x = (camera.width / 2 - K[0, 2]) / camera.width
+    data.shift_y = (K[1, 2] - camera.height / 2) / camera.width * K[0, 0] / K[1, 1]
+    positions = model.scale * model.tensors["anchors.position"] + model.translation
+    reach = np.abs(positions).max(axis=0) + np.abs(model.camera_centers).max(axis=0)
+    data.clip_end = max(1000.0, 2.0 * float(np.linalg.norm(reach)))
+    obj = bpy.data.objects.new(name, data)
+    obj.rotation_mode = "QUATERNION"
+    rotations = model.viewmats[:, :3, :3].transpose(0, 2, 1) @ OPENCV_TO_BLENDER
+    _animate(obj, "location", model.camera_centers)
+    _animate(obj, "rotation_quaternion", _quaternions(rotations))
+    return obj
+
+
+def _quaternions(rotations: Doubles) -> Doubles:
+    """Quaternions [n, 4], each in the hemisphere of the one before, so that nothing turns the long way round."""
+    quaternions = np.array([Matrix(rotation.tolist()).to_quaternion() for rotation in rotations])
+    for previous, quaternion in itertools.pairwise(quaternions):
+        if previous @ quaternion < 0:
+            quaternion *= -1
+    return quaternions
+
+
+def _animate(obj: bpy.types.Object, path: str, values: Doubles) -> None:
+    """Key the property with one row of values [n, components] a frame, linear between."""
+    setattr(obj, path, values[0])
+    obj.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them
+    curves = obj.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    for index, column in enumerate(values.T):
+        curve = curves.find(path, index=index)
+        curve.keyframe_points.add(len(column) - 1)
+        frames = np.arange(len(column)) + names.FIRST_FRAME
+        curve.keyframe_points.foreach_set("co", np.stack([frames, column], axis=1).astype(np.float32).ravel())
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+        curve.update()

@@ -1,0 +1,260 @@
+"""Evaluating a model at any time with numpy (docs/formats.md, "Evaluating a model at time t").
+
+What does not depend on the time is computed once, in `prepare`: the spatial planes at every anchor, where each anchor
+falls on the temporal planes, and the embedding's share of the first layers. A time then costs one interpolation between
+two rows of each temporal plane, a gather, and the small networks.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .container import Floats, ModelFileError
+from .model import PLANES, Doubles, Model
+
+Indices = npt.NDArray[np.intp]
+
+CHUNK = 4096  # anchors at a time: the temporaries of one chunk stay in the processor's cache
+MEMORY_RATIO = 64  # of what `prepare` keeps to the size of the file; the default configuration needs about 4
+TIME_NETWORK_BIASES = ("acfa.hidden.bias", "dlgd_offset.hidden.bias", "dlgd_scale.hidden.bias")
+
+
+@dataclass(frozen=True)
+class TemporalPlane:
+    """One of xt, yt, zt at one level, and where the anchors fall along its spatial axis."""
+
+    rows: Floats  # [R2, R1, C], time along the first axis
+    left: Indices  # [N]
+    fraction: Floats  # [N, 1]
+
+
+@dataclass(frozen=True)
+class Level:
+    """One resolution of the field."""
+
+    spatial: Floats  # [N, 3, C]: xy, xz, yz at the anchors
+    temporal: tuple[TemporalPlane, ...]  # xt, yt, zt
+
+
+@dataclass(frozen=True)
+class TimeNetwork:
+    """output(relu(hidden([embedding, t]))) with the embedding's share of the hidden layer already summed."""
+
+    static: Floats  # [N, H]
+    time: Floats  # [H]
+    weight: Floats  # [H, outputs]
+    bias: Floats  # [outputs]
+
+    def __call__(self, t: float, part: slice) -> Floats:
+        """Evaluate at t for a slice of the anchors: [n, outputs]."""
+        return np.maximum(self.static[part] + np.float32(t) * self.time, 0) @ self.weight + self.bias
+
+
+@dataclass(frozen=True)
+class Field:
+    """A model made ready for evaluation."""
+
+    model: Model
+    levels: tuple[Level, ...]  # empty for a static model
+    weights: TimeNetwork | None  # Phi_w, the scores of ACFA
+    offset: TimeNetwork | None  # Phi_o of DLGD; None when DLGD is off
+    scale: TimeNetwork | None  # Phi_s of DLGD
+
+
+@dataclass(frozen=True)
+class AnchorState:
+    """The anchors at one time, model frame."""
+
+    positions: Floats  # [N, 3]
+    features: Floats  # [N, F]
+    offsets: Floats  # [N, K, 3]
+    scales: Floats  # [N, 6]
+
+
+@dataclass(frozen=True)
+class LocalGaussians:
+    """The decoded local Gaussians of every anchor, in world metres."""
+
+    positions: Floats  # [N, K, 3]
+    colors: Floats  # [N, K, 3] sRGB
+    opacities: Floats  # [N, K] in (-1, 1); not drawn where not positive
+    scales: Floats  # [N, K, 3] standard deviations
+    quaternions: Floats  # [N, K, 4] w x y z
+
+
+def prepare(model: Model) -> Field:
+    """Compute everything about a model that does not depend on the time (steps 1 and 2, and shares of 3 and 5).
+
+    Raises:
+        ModelFileError: that would take memory out of all proportion to the file, as only a hostile one does.
+    """
+    if model.static:
+        return Field(model, (), None, None, None)
+    _check_memory(model)
+    tensors = model.tensors
+    query = _warped_positions(model)
+    levels = []
+    for level in range(model.config.levels):
+        planes = {
+            name: np.ascontiguousarray(tensors[f"field.planes.{level}.{name}"].transpose(1, 2, 0)) for name in PLANES
+        }
+        spatial = np.stack(
+            [
+                _bilinear(planes[name], query[:, "xyz".index(name[0])], query[:, "xyz".index(name[1])])
+                for name in PLANES[:3]
+            ],
+            axis=1,
+        )
+        temporal = tuple(
+            TemporalPlane(planes[name], *_texels(query[:, axis], planes[name].shape[1]))
+            for axis, name in enumerate(PLANES[3:])
+        )
+        levels.append(Level(spatial, temporal))
+    dlgd = model.config.dlgd
+    return Field(
+        model,
+        tuple(levels),
+        _time_network(model, "acfa", "embedding_acfa"),
+        _time_network(model, "dlgd_offset", "embedding_offset") if dlgd else None,
+        _time_network(model, "dlgd_scale", "embedding_scale") if dlgd else None,
+    )
+
+
+def anchor_state(field: Field, t: float) -> AnchorState:
+    """The anchors at any real time t (steps 1 to 5); outside [0, 1] the planes hold their border's value."""
+    tensors = field.model.tensors
+    positions = tensors["anchors.position"]
+    features = tensors["anchors.feature"]
+    offsets = tensors["anchors.offset"]
+    log_scales = tensors["anchors.log_scale"]
+    if field.weights is not None:
+        positions, features = positions.copy(), features.copy()
+        rows = [[_row_at(plane.rows, t) for plane in level.temporal] for level in field.levels]
+        for part in _chunks(len(positions)):
+            hidden = np.maximum(_linear(field.model, "encoder", _aggregate(field, rows, t, part)), 0)
+            positions[part] += _mlp(field.model, "head_position", hidden)
+            features[part] += _mlp(field.model, "head_feature", hidden)
+    if field.offset is not None and field.scale is not None:
+        offsets, log_scales = offsets.copy(), log_scales.copy()
+        for part in _chunks(len(positions)):
+            offsets[part] += field.offset(t, part).reshape(-1, *offsets.shape[1:])
+            log_scales[part] += field.scale(t, part)
+    return AnchorState(positions, features, offsets, np.exp(log_scales))
+
+
+def local_gaussians(field: Field, state: AnchorState, camera_center: Doubles) -> LocalGaussians:
+    """Decode the local Gaussians as a camera at `camera_center` [3] (world metres) sees them (step 6)."""
+    model = field.model
+    center = ((camera_center - model.translation) / model.scale).astype(np.float32)
+    direction = state.positions - center
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.float32(1e-12))
+    decoded = [_decode(model, state, direction, part) for part in _chunks(len(direction))]
+    positions, colors, opacities, scales, quaternions = (np.concatenate(parts) for parts in zip(*decoded, strict=True))
+    return LocalGaussians(positions, colors, opacities, scales, quaternions)
+
+
+def _decode(model: Model, state: AnchorState, direction: Floats, part: slice) -> tuple[Floats, ...]:
+    """The fields of LocalGaussians for a slice of the anchors; `direction` [N, 3] from the camera, unit."""
+    shape = (-1, model.config.offsets)
+    inputs = np.concatenate([state.features[part], direction[part]], axis=1)
+    opacities = np.tanh(_mlp(model, "decoder_opacity", inputs))
+    colors = _sigmoid(_mlp(model, "decoder_color", inputs)).reshape(*shape, 3)
+    covariance = _mlp(model, "decoder_covariance", inputs).reshape(*shape, 7)
+    state_scales = state.scales[part, None]
+    scales = np.float32(model.scale) * state_scales[..., 3:] * _sigmoid(covariance[..., :3])
+    quaternions = covariance[..., 3:]
+    quaternions = quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), np.float32(1e-12))
+    positions = state.positions[part, None] + state.offsets[part] * state_scales[..., :3]
+    return to_world(model, positions), colors, opacities, scales, quaternions
+
+
+def to_world(model: Model, positions: Floats) -> Floats:
+    """Positions [..., 3] of the model frame in world metres."""
+    return (model.scale * positions.astype(np.float64) + model.translation).astype(np.float32)
+
+
+def _check_memory(model: Model) -> None:
+    hidden = sum(len(tensor) for name, tensor in model.tensors.items() if name.endswith(TIME_NETWORK_BIASES))
+    needed = 4 * model.anchor_count * (3 * model.config.plane_dim * model.config.levels + hidden)
+    if needed > max(2**30, MEMORY_RATIO * sum(tensor.nbytes for tensor in model.tensors.values())):
+        raise ModelFileError(
+            f"{model.path.name} would need {needed / 2**30:.0f} GiB to evaluate, out of proportion to its size."
+        )
+
+
+def _chunks(count: int) -> Iterator[slice]:
+    return (slice(start, start + CHUNK) for start in range(0, count, CHUNK))
+
+
+def _linear(model: Model, name: str, x: Floats) -> Floats:
+    return x @ model.tensors[f"{name}.weight"].T + model.tensors[f"{name}.bias"]
+
+
+def _mlp(model: Model, name: str, x: Floats) -> Floats:
+    return _linear(model, f"{name}.output", np.maximum(_linear(model, f"{name}.hidden", x), 0))
+
+
+def _sigmoid(x: Floats) -> Floats:
+    return np.float32(0.5) * (1 + np.tanh(np.float32(0.5) * x))  # the form that cannot overflow
+
+
+def _time_network(model: Model, name: str, embedding: str) -> TimeNetwork:
+    weight = model.tensors[f"{name}.hidden.weight"]
+    static = model.tensors[f"anchors.{embedding}"] @ weight[:, :-1].T + model.tensors[f"{name}.hidden.bias"]
+    output = np.ascontiguousarray(model.tensors[f"{name}.output.weight"].T)
+    return TimeNetwork(static, weight[:, -1].copy(), output, model.tensors[f"{name}.output.bias"])
+
+
+def _warped_positions(model: Model) -> Floats:
+    """Step 1: the anchors in the field's box, [-1, 1], through DACW: [N, 3]."""
+    lower, upper = model.tensors["field.box"]
+    boundaries = model.tensors["warp.boundaries"]
+    uniform = np.linspace(-1, 1, boundaries.shape[1])
+    u = np.clip(2 * (model.tensors["anchors.position"] - lower) / (upper - lower) - 1, -1, 1)
+    return np.stack([np.interp(u[:, axis], uniform, boundaries[axis]) for axis in range(3)], axis=1).astype(np.float32)
+
+
+def _texels(coordinate: Floats, resolution: int) -> tuple[Indices, Floats]:
+    """The texel left of each coordinate in [-1, 1] and the fraction [N, 1] of the way to the next (align_corners)."""
+    place = np.clip((coordinate + 1) * np.float32(0.5 * (resolution - 1)), 0, resolution - 1)
+    left = np.minimum(place.astype(np.intp), max(resolution - 2, 0))
+    return left, (place - left.astype(np.float32))[:, None]
+
+
+def _between(row: Floats, left: Indices, fraction: Floats) -> Floats:
+    """Linear interpolation along the first axis of `row` [R, C]: [n, C]."""
+    near = row[left]
+    return near + fraction * (row[np.minimum(left + 1, len(row) - 1)] - near)
+
+
+def _bilinear(plane: Floats, x: Floats, y: Floats) -> Floats:
+    """Interpolate plane [R2, R1, C] at x along R1 and y along R2, both in [-1, 1]: [N, C]."""
+    (left, right_share), (top, bottom_share) = _texels(x, plane.shape[1]), _texels(y, plane.shape[0])
+    right, bottom = np.minimum(left + 1, plane.shape[1] - 1), np.minimum(top + 1, plane.shape[0] - 1)
+    upper = plane[top, left] + right_share * (plane[top, right] - plane[top, left])
+    lower = plane[bottom, left] + right_share * (plane[bottom, right] - plane[bottom, left])
+    return upper + bottom_share * (lower - upper)
+
+
+def _row_at(rows: Floats, t: float) -> Floats:
+    """The row [R1, C] of a temporal plane [R2, R1, C] at time t."""
+    place = min(max(t, 0.0), 1.0) * (len(rows) - 1)
+    low = min(int(place), max(len(rows) - 2, 0))
+    return rows[low] + np.float32(place - low) * (rows[min(low + 1, len(rows) - 1)] - rows[low])
+
+
+def _aggregate(field: Field, rows: list[list[Floats]], t: float, part: slice) -> Floats:
+    """Steps 2 and 3: ACFA's channel-wise softmax over the six planes, levels concatenated: [n, L * C]."""
+    assert field.weights is not None
+    scores = field.weights(t, part).reshape(-1, len(PLANES), field.model.config.plane_dim)
+    weights = np.exp(scores - scores.max(axis=1, keepdims=True))
+    weights /= weights.sum(axis=1, keepdims=True)
+    features = []
+    for level, level_rows in zip(field.levels, rows, strict=True):
+        feature = np.einsum("npc,npc->nc", weights[:, :3], level.spatial[part])
+        for index, (plane, row) in enumerate(zip(level.temporal, level_rows, strict=True), start=3):
+            feature += weights[:, index] * _between(row, plane.left[part], plane.fraction[part])
+        features.append(feature)
+    return np.concatenate(features, axis=1)

@@ -1,0 +1,192 @@
+"""Make a .blend that opens on a trained scene, with the packaged extension; and render one frame of it.
+
+    python addon/make_flyover_blend.py MODEL --extension ZIP --out flyover.blend [--render frame.png] ...
+    blender -b -P addon/make_flyover_blend.py -- MODEL --extension ZIP --out flyover.blend ...
+
+The file is baked: it plays and renders in a Blender without the extension.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+SAMPLES = 16  # the materials only emit: samples smooth edges, there is no light to gather
+GAUSSIAN_SAMPLES = 4  # a sample passes through dozens of Gaussians; what noise is left, denoising takes out
+FAINTEST = 0.05  # the modifier's own default for Minimum Opacity
+REPOSITORY = "aa4d_flyover"
+
+
+def arguments() -> argparse.Namespace:
+    """The command line: after `--` in Blender, everything in plain Python."""
+    given = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    parser = argparse.ArgumentParser(prog="make_flyover_blend.py", description="Make a .blend of a trained scene.")
+    parser.add_argument("model", type=Path, help="model.safetensors")
+    parser.add_argument("--extension", type=Path, required=True, help="the zip that build_extension.py wrote")
+    parser.add_argument("--out", type=Path, required=True, help="the .blend to write")
+    parser.add_argument(
+        "--gaussians", action="store_true", help="render the local Gaussians instead of the anchors: slower, far finer"
+    )
+    parser.add_argument("--render", type=Path, help="also render one frame to this PNG")
+    parser.add_argument("--frame", type=int, help="which frame to open on and to render; the middle one by default")
+    return parser.parse_args(given)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Silence standard output, to which Blender writes a line for every step of a render. Errors are not silenced."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def make(options: argparse.Namespace, scratch: str) -> None:
+    """Install, import, bake, save, render.
+
+    Raises:
+        RuntimeError, OSError: an unusable model or extension, a folder that cannot be written.
+    """
+    import bpy
+
+    # Factory settings and a repository of our own: whatever the person has installed or configured stays out of it.
+    bpy.ops.wm.read_factory_settings()
+    extensions = os.path.join(scratch, "flyover")
+    os.makedirs(extensions)
+    bpy.ops.preferences.extension_repo_add(
+        type="LOCAL", name=REPOSITORY, use_custom_directory=True, custom_directory=extensions
+    )
+    repository = bpy.context.preferences.extensions.repos[-1].module
+    bpy.ops.extensions.package_install_files(
+        filepath=str(options.extension.resolve()), repo=repository, enable_on_install=True, overwrite=True
+    )
+    module = f"bl_ext.{repository}.adaanchor4d"
+    if module not in bpy.context.preferences.addons:
+        raise RuntimeError(f"{options.extension} is not the extension; build it with addon/build_extension.py.")
+    try:
+        build_scene(options)
+    finally:
+        # Blender 4.5 as a module hangs at exit while classes or handlers of an add-on are registered.
+        bpy.ops.preferences.addon_disable(module=module)
+
+
+def build_scene(options: argparse.Namespace) -> None:
+    """Fill the start-up scene, save it, and render."""
+    import bpy
+
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    bpy.ops.outliner.orphans_purge(do_recursive=True)
+    bpy.ops.aa4d.import_model(filepath=str(options.model.resolve()), set_up_scene=True, bake=True)
+    scene = bpy.context.scene
+    points = bpy.context.active_object
+    points.select_set(False)
+    frame = options.frame if options.frame is not None else (scene.frame_start + scene.frame_end) // 2
+    if not scene.frame_start <= frame <= scene.frame_end:
+        raise RuntimeError(f"--frame {frame} is outside the clip, {scene.frame_start} to {scene.frame_end}.")
+    if options.gaussians:
+        points.hide_render = True
+        add_gaussians(options)
+    for obj in scene.objects:
+        if obj.type == "MESH":
+            obj.aa4d.filepath = bpy.path.relpath(str(options.model.resolve()), start=str(options.out.resolve().parent))
+    scene.frame_set(frame)
+    scene.cycles.samples = GAUSSIAN_SAMPLES if options.gaussians else SAMPLES
+    scene.cycles.use_denoising = options.gaussians  # transparency is sampled; bare points have no noise to take out
+    scene.cycles.max_bounces = 0
+    scene.render.resolution_percentage = max(100, round(100 * 640 / scene.render.resolution_x))
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            if area.type == "VIEW_3D":
+                view = area.spaces.active
+                view.region_3d.view_perspective = "CAMERA"
+                view.shading.type = "MATERIAL"
+                view.shading.use_scene_world = True
+                view.clip_end = scene.camera.data.clip_end
+    out = options.out.resolve()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    bpy.context.preferences.filepaths.save_version = 0  # no flyover.blend1 beside it
+    bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True)  # to a temporary file, renamed when whole
+    if options.render is not None:
+        picture = options.render.resolve()
+        partial = picture.with_name(f".{picture.stem}.partial.png")
+        scene.render.image_settings.file_format = "PNG"
+        scene.render.filepath = str(partial)
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            bpy.ops.render.render(write_still=True)
+            os.replace(partial, picture)
+        finally:
+            partial.unlink(missing_ok=True)
+
+
+def add_gaussians(options: argparse.Namespace) -> None:
+    """Bake the local Gaussians as a second object that is seen in renders alone.
+
+    Those that are transparent in every frame, often half of them, are deleted first: keys of all would be heavy.
+    """
+    import bpy
+    import numpy as np
+
+    bpy.ops.aa4d.import_model(
+        filepath=str(options.model.resolve()), carrier="GAUSSIANS", import_camera=False, set_timeline=False
+    )
+    scene, obj = bpy.context.scene, bpy.context.active_object
+    look = obj.modifiers[0]
+    look.show_viewport = False  # nothing is drawn here
+    opacity, now = np.zeros((2, len(obj.data.vertices)), np.float32)
+    for frame in range(scene.frame_start, scene.frame_end + 1):
+        scene.frame_set(frame)
+        obj.data.attributes["aa_opacity"].data.foreach_get("value", now)
+        np.maximum(opacity, now, out=opacity)
+    obj.data.vertices.foreach_set("select", opacity < FAINTEST)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.delete(type="VERT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.ops.aa4d.bake()
+    look.show_viewport = True
+    obj.select_set(False)
+    obj.hide_viewport = True
+
+
+def main() -> int:
+    """Command line."""
+    options = arguments()
+    with tempfile.TemporaryDirectory() as scratch:
+        if "bpy" not in sys.modules:  # in Blender itself it is too late, and factory settings must do
+            os.environ["BLENDER_USER_RESOURCES"] = scratch
+        try:
+            with quiet():
+                make(options, scratch)
+        except (RuntimeError, OSError) as error:
+            print(str(error).strip(), file=sys.stderr)
+            return 2
+    print(f"Saved {options.out}")
+    if options.render is not None:
+        print(f"Rendered {options.render}")
+    return 0
+
+
+if __name__ == "__main__":
+    code = 1
+    try:
+        code = main()
+    except SystemExit as stop:  # the argument parser's
+        code = int(stop.code or 0)
+    except KeyboardInterrupt:
+        code = 130
+    except Exception:
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # Blender 4.5 as a module can hang in its own exit

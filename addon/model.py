@@ -1,0 +1,282 @@
+"""The model file: its metadata and tensors, checked (docs/formats.md, "The model file, version 1")."""
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .container import Entry, Floats, ModelFileError, read_header, read_tensors
+
+Doubles = npt.NDArray[np.float64]
+
+VERSION = 1
+PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
+WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
+LIMIT_M = 10_000.0  # a world has a local origin; beyond 10 km float32 loses millimetres
+
+
+@dataclass(frozen=True)
+class Config:
+    """The sizes and switches under `config` in the file's metadata."""
+
+    offsets: int
+    feature_dim: int
+    embedding_dim: int
+    plane_dim: int
+    levels: int
+    bins: int
+    dlgd: bool
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera: pixels, OpenCV axes, the centre of pixel (i, j) at (i + 0.5, j + 0.5)."""
+
+    width: int
+    height: int
+    K: Doubles  # [3, 3]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model file in memory, checked."""
+
+    path: Path
+    static: bool  # a coarse file: the canonical anchors hold at every time
+    config: Config
+    scale: float  # world = scale * model + translation
+    translation: Doubles  # [3], metres
+    fps: float
+    camera: Camera
+    viewmats: Doubles  # [frames, 4, 4], world to camera, in presentation order
+    background: tuple[float, float, float]  # sRGB
+    tensors: Mapping[str, Floats]
+
+    @property
+    def anchor_count(self) -> int:
+        """N, the number of anchors."""
+        return len(self.tensors["anchors.position"])
+
+    @property
+    def frame_count(self) -> int:
+        """The number of frames of the clip."""
+        return len(self.viewmats)
+
+    @property
+    def camera_centers(self) -> Doubles:
+        """Centres [frames, 3] of the capture's cameras, world metres."""
+        return -np.einsum("nji,nj->ni", self.viewmats[:, :3, :3], self.viewmats[:, :3, 3])
+
+    def time_of_rank(self, rank: float) -> float:
+        """The t of a (fractional) frame rank, in [0, 1]: the first and last frame hold outside the clip."""
+        last = self.frame_count - 1
+        return min(max(rank / last, 0.0), 1.0) if last else 0.0
+
+    def camera_center_at(self, t: float) -> Doubles:
+        """The capture camera's centre [3] in world metres at time t, linear between frames."""
+        ranks = np.arange(self.frame_count)
+        return np.array([np.interp(t * ranks[-1], ranks, axis) for axis in self.camera_centers.T])
+
+
+def read_model(path: str | os.PathLike[str]) -> Model:
+    """Read and check a model file.
+
+    Raises:
+        ModelFileError: the file is missing, cut short, malformed, newer than this reader, or holds unusable values.
+    """
+    path = Path(path)
+    header = read_header(path)
+    try:
+        information = json.loads(header.metadata["aa4d"])
+        if information["format"] != "aa4d-model":
+            raise KeyError("format")
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ModelFileError(
+            f"{path.name} is a safetensors file but not an AdaAnchor4D model: its aa4d metadata is missing or damaged."
+        ) from error
+    version = information.get("version")
+    if type(version) is not int or version < 1:
+        raise ModelFileError(f"{path.name} has no usable version number in its aa4d metadata.")
+    if version > VERSION:
+        raise ModelFileError(
+            f"{path.name} is a model file of version {version}, newer than version {VERSION} that this add-on reads; "
+            "update the add-on."
+        )
+    try:
+        static = {"coarse": True, "fine": False}[information["stage"]]
+        config = _config(information["config"])
+        scale, translation = _similarity(information["model_to_world"])
+        fps = _number(information["fps"], "fps")
+        _require(0 < fps <= 1000, "fps must lie in (0, 1000]")
+        camera = _camera(information["camera"])
+        viewmats = _viewmats(information["frames"])
+        background = _array(information["background"], (3,), "background")
+    except KeyError as error:
+        raise ModelFileError(f"{path.name}: its aa4d metadata lacks or misspells {error}.") from error
+    except (TypeError, AttributeError) as error:
+        raise ModelFileError(f"{path.name}: its aa4d metadata is not laid out as docs/formats.md says.") from error
+    except (ValueError, OverflowError) as error:
+        raise ModelFileError(f"{path.name}: its aa4d metadata is not usable: {error}.") from error
+    tensors = read_tensors(path, header.entries, _check_shapes(path.name, header.entries, config, static))
+    _check_values(path.name, tensors, scale, translation)
+    return Model(
+        path=path,
+        static=static,
+        config=config,
+        scale=scale,
+        translation=translation,
+        fps=fps,
+        camera=camera,
+        viewmats=viewmats,
+        background=(float(background[0]), float(background[1]), float(background[2])),
+        tensors=tensors,
+    )
+
+
+def _require(condition: Any, problem: str) -> None:
+    if not condition:
+        raise ValueError(problem)
+
+
+def _number(value: Any, name: str) -> float:
+    _require(type(value) in (int, float) and math.isfinite(value), f"{name} must be a finite number")
+    return float(value)
+
+
+def _integer(value: Any, name: str, largest: int) -> int:
+    _require(type(value) is int and 1 <= value <= largest, f"{name} must be a whole number from 1 to {largest}")
+    return int(value)
+
+
+def _array(value: Any, shape: tuple[int, ...], name: str) -> Doubles:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.empty(0)
+    _require(array.shape == shape and np.isfinite(array).all(), f"{name} must be finite numbers of shape {list(shape)}")
+    return array
+
+
+def _config(value: Any) -> Config:
+    _require(
+        value["aggregation"] == "acfa", f"aggregation {value['aggregation']!r} is unknown; this add-on knows 'acfa'"
+    )
+    _require(type(value["dlgd"]) is bool, "config.dlgd must be true or false")
+    names = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins")
+    return Config(**{name: _integer(value[name], f"config.{name}", WIDEST) for name in names}, dlgd=value["dlgd"])
+
+
+def _similarity(value: Any) -> tuple[float, Doubles]:
+    matrix = _array(value, (4, 4), "model_to_world")
+    scale = matrix[0, 0]
+    expected = np.diag([scale, scale, scale, 1.0])
+    expected[:3, 3] = matrix[:3, 3]
+    _require(
+        scale > 0 and np.allclose(matrix, expected, rtol=0, atol=1e-6 * scale),
+        "model_to_world must be a positive uniform scale and a translation",
+    )
+    return float(scale), matrix[:3, 3]
+
+
+def _camera(value: Any) -> Camera:
+    _require(value["model"] == "PINHOLE", "camera.model must be PINHOLE")
+    K = _array(value["K"], (3, 3), "camera.K")
+    pinhole = np.array([[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]])
+    _require(
+        K[0, 0] > 0 and K[1, 1] > 0 and np.array_equal(K, pinhole), "camera.K must be [[fx,0,cx],[0,fy,cy],[0,0,1]]"
+    )
+    return Camera(_integer(value["width"], "camera.width", 65536), _integer(value["height"], "camera.height", 65536), K)
+
+
+def _viewmats(frames: Any) -> Doubles:
+    _require(isinstance(frames, list) and frames, "frames must be a list of at least one frame")
+    viewmats = np.stack([_array(frame["viewmat"], (4, 4), f"viewmat of frame {i}") for i, frame in enumerate(frames)])
+    rotations = viewmats[:, :3, :3]
+    rigid = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-4
+    rigid &= (np.linalg.det(rotations) > 0) & (viewmats[:, 3] == [0, 0, 0, 1]).all(axis=1)
+    _require(rigid.all(), f"viewmat of frame {int(np.argmin(rigid))} must be a rotation and a translation")
+    return viewmats
+
+
+def _check_shapes(file_name: str, entries: Mapping[str, Entry], config: Config, static: bool) -> list[str]:
+    """Check presence and shape of every tensor that an evaluation reads; return their names."""
+
+    def shape_of(name: str) -> tuple[int, ...]:
+        if name not in entries:
+            raise ModelFileError(f"{file_name} lacks the tensor {name}; write the model again.")
+        return entries[name].shape
+
+    def expect(name: str, *shape: int) -> str:
+        if shape_of(name) != shape:
+            raise ModelFileError(
+                f"{file_name}: tensor {name} has shape {list(shape_of(name))}, its configuration needs {list(shape)}."
+            )
+        return name
+
+    def layer(name: str, outputs: int | None, inputs: int) -> int:
+        """Expect a linear layer; `outputs` None leaves its width to the file. Returns the width."""
+        width = outputs if outputs is not None else next(iter(shape_of(f"{name}.weight")), 0)
+        if outputs is None and width > WIDEST:
+            raise ModelFileError(f"{file_name}: layer {name} is {width} wide; at most {WIDEST} is read.")
+        names.extend((expect(f"{name}.weight", width, inputs), expect(f"{name}.bias", width)))
+        return width
+
+    def network(name: str, outputs: int, inputs: int) -> None:
+        layer(f"{name}.output", outputs, layer(f"{name}.hidden", None, inputs))
+
+    names: list[str] = []
+    count = next(iter(shape_of("anchors.position")), 0)
+    if count == 0:
+        raise ModelFileError(f"{file_name} holds no anchors; train the model again.")
+    K, F, E = config.offsets, config.feature_dim, config.embedding_dim
+    names.append(expect("anchors.position", count, 3))
+    names.append(expect("anchors.feature", count, F))
+    names.append(expect("anchors.offset", count, K, 3))
+    names.append(expect("anchors.log_scale", count, 6))
+    network("decoder_opacity", K, F + 3)
+    network("decoder_color", 3 * K, F + 3)
+    network("decoder_covariance", 7 * K, F + 3)
+    if static:
+        return names
+    names.append(expect("anchors.embedding_acfa", count, E))
+    names.append(expect("field.box", 2, 3))
+    names.append(expect("warp.boundaries", 3, config.bins + 1))
+    for level in range(config.levels):
+        for plane in PLANES:
+            name = f"field.planes.{level}.{plane}"
+            shape = shape_of(name)
+            if len(shape) != 3 or shape[0] != config.plane_dim or min(shape) < 1:
+                raise ModelFileError(
+                    f"{file_name}: tensor {name} has shape {list(shape)}, not [{config.plane_dim}, rows, columns]."
+                )
+            names.append(name)
+    network("acfa", len(PLANES) * config.plane_dim, E + 1)
+    width = layer("encoder", None, config.levels * config.plane_dim)
+    network("head_position", 3, width)
+    network("head_feature", F, width)
+    if config.dlgd:
+        names.append(expect("anchors.embedding_offset", count, E))
+        names.append(expect("anchors.embedding_scale", count, E))
+        network("dlgd_offset", 3 * K, E + 1)
+        network("dlgd_scale", 6, E + 1)
+    return names
+
+
+def _check_values(file_name: str, tensors: Mapping[str, Floats], scale: float, translation: Doubles) -> None:
+    farthest = float(np.abs(scale * tensors["anchors.position"].astype(np.float64) + translation).max())
+    if farthest > LIMIT_M:
+        raise ModelFileError(
+            f"{file_name} places an anchor {farthest:.0f} m from the origin; a world is local, within {LIMIT_M:.0f} m."
+        )
+    box = tensors.get("field.box")
+    if box is not None and not (box[1] > box[0]).all():
+        raise ModelFileError(f"{file_name}: field.box must have its upper corner above its lower corner.")
+    boundaries = tensors.get("warp.boundaries")
+    if boundaries is not None and (np.diff(boundaries, axis=1) < 0).any():
+        raise ModelFileError(f"{file_name}: warp.boundaries must not decrease along an axis.")

@@ -1,0 +1,40 @@
+"""What an import may change in the scene: the clip's timeline, and, only when asked, the look."""
+
+import bpy
+import numpy as np
+
+from . import names
+from .carriers import linear_rgba
+from .model import Model
+
+TRANSPARENT_BOUNCES = 64  # Cycles' default of 8 turns overlapping Gaussians black
+
+
+def set_timeline(scene: bpy.types.Scene, model: Model) -> None:
+    """Frame range, rate and picture size of the clip, so that the timeline and the drone camera match its frames."""
+    scene.frame_start = names.FIRST_FRAME
+    scene.frame_end = names.FIRST_FRAME + model.frame_count - 1
+    render, camera = scene.render, model.camera
+    render.fps = max(1, round(model.fps))
+    render.fps_base = render.fps / model.fps
+    render.resolution_x, render.resolution_y, render.resolution_percentage = camera.width, camera.height, 100
+    aspect = camera.K[1, 1] / camera.K[0, 0]
+    render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1.0 / aspect)
+
+
+def set_up_scene(scene: bpy.types.Scene, camera: bpy.types.Object | None, model: Model) -> None:
+    """The drone camera, colours as trained (Standard view transform), the model's background, Cycles for Gaussians."""
+    if camera is not None:
+        scene.camera = camera
+    scene.render.engine = "CYCLES"
+    scene.cycles.transparent_max_bounces = TRANSPARENT_BOUNCES
+    scene.view_settings.view_transform = "Standard"
+    scene.view_settings.look = "None"
+    world = bpy.data.worlds.new("AdaAnchor4D Background")
+    if bpy.app.version < (5, 0):  # later ones always have nodes, and warn
+        world.use_nodes = True
+    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    color = linear_rgba(np.array([model.background], np.float32))[0]
+    background.inputs["Color"].default_value = color.tolist()
+    world.color = color[:3].tolist()
+    scene.world = world

@@ -1,0 +1,137 @@
+"""Model files for the tests, written by hand as docs/formats.md says: struct, json, numpy."""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
+
+
+def make_model(
+    anchors: int = 200, frames: int = 5, seed: int = 0, *, stage: str = "fine", dlgd: bool = True
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Random tensors with visible motion, and the metadata of a flight around them."""
+    random = np.random.default_rng(seed)
+    K, F, E, C, L, B = 3, 8, 4, 6, 2, 5
+
+    def normal(*shape: int, scale: float = 1.0) -> np.ndarray:
+        return (scale * random.standard_normal(shape)).astype(np.float32)
+
+    tensors = {
+        "anchors.position": random.uniform(-1.1, 1.1, (anchors, 3)).astype(np.float32),
+        "anchors.feature": normal(anchors, F),
+        "anchors.offset": normal(anchors, K, 3),
+        "anchors.log_scale": normal(anchors, 6, scale=0.3) - 3,
+    }
+
+    def layer(name: str, outputs: int, inputs: int, gain: float = 1.0) -> None:
+        tensors[f"{name}.weight"] = normal(outputs, inputs, scale=gain / inputs**0.5)
+        tensors[f"{name}.bias"] = normal(outputs, scale=0.2)
+
+    def network(name: str, outputs: int, inputs: int, hidden: int, gain: float = 1.0) -> None:
+        layer(f"{name}.hidden", hidden, inputs)
+        layer(f"{name}.output", outputs, hidden, gain)
+
+    for name, outputs in (("opacity", K), ("color", 3 * K), ("covariance", 7 * K)):
+        network(f"decoder_{name}", outputs, F + 3, 32)
+    if stage == "fine":
+        for level in range(L):
+            for index, name in enumerate(PLANES):
+                columns, rows = 5 + 3 * level, 4 + 2 * level + (index % 2)
+                tensors[f"field.planes.{level}.{name}"] = normal(C, rows, columns)
+        tensors["field.box"] = np.array([[-1, -0.9, -1.2], [1, 1.1, 0.8]], np.float32)
+        steps = random.uniform(0.3, 1.0, (3, B))
+        boundaries = np.concatenate([np.zeros((3, 1)), np.cumsum(steps, axis=1)], axis=1)
+        tensors["warp.boundaries"] = (2 * boundaries / boundaries[:, -1:] - 1).astype(np.float32)
+        tensors["anchors.embedding_acfa"] = normal(anchors, E)
+        network("acfa", 6 * C, E + 1, 24)
+        layer("encoder", 20, L * C)
+        network("head_position", 3, 20, 16, 0.3)
+        network("head_feature", F, 20, 16)
+        if dlgd:
+            tensors["anchors.embedding_offset"] = normal(anchors, E)
+            tensors["anchors.embedding_scale"] = normal(anchors, E)
+            network("dlgd_offset", 3 * K, E + 1, 16)
+            network("dlgd_scale", 6, E + 1, 16, 0.3)
+
+    model_to_world = np.diag([12.0, 12.0, 12.0, 1.0])
+    model_to_world[:3, 3] = [30.0, -20.0, 4.0]
+    information = {
+        "format": "aa4d-model",
+        "version": 1,
+        "generator": "tests",
+        "stage": stage,
+        "config": {
+            "offsets": K,
+            "feature_dim": F,
+            "embedding_dim": E,
+            "plane_dim": C,
+            "levels": L,
+            "bins": B,
+            "aggregation": "acfa",
+            "dlgd": dlgd,
+            "dacw": True,
+        },
+        "model_to_world": model_to_world.tolist(),
+        "fps": 29.97,
+        "camera": {
+            "model": "PINHOLE",
+            "width": 320,
+            "height": 180,
+            "K": [[260.0, 0, 166.5], [0, 250.0, 81.25], [0, 0, 1]],
+        },
+        "frames": [
+            {
+                "name": f"{rank:06}",
+                "image": f"frames/{rank:06}.png",
+                "time_s": rank / 29.97,
+                "t": rank / max(frames - 1, 1),
+                "split": "train" if rank % 8 else "test",
+                "viewmat": look_at(
+                    np.array([30.0 + 40 * np.cos(angle), -20.0 + 40 * np.sin(angle), 25.0]), model_to_world[:3, 3]
+                ).tolist(),
+            }
+            for rank, angle in enumerate(np.linspace(2.4, 4.2, frames))
+        ],
+        "capture": None,
+        "background": [0.1, 0.2, 0.3],
+        "training": {},
+    }
+    return tensors, information
+
+
+def look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """A world-to-camera matrix in OpenCV axes, z up in the world."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = [right, np.cross(forward, right), forward]
+    viewmat[:3, 3] = -viewmat[:3, :3] @ eye
+    return viewmat
+
+
+def header_and_data(tensors: dict[str, np.ndarray], information: Any) -> tuple[dict[str, Any], bytes]:
+    """The JSON header and the tensors' bytes."""
+    header: dict[str, Any] = {"__metadata__": {"aa4d": json.dumps(information)}}
+    data = b""
+    for name, tensor in tensors.items():
+        start = len(data)
+        data += np.ascontiguousarray(tensor, "<f4").tobytes()
+        header[name] = {"dtype": "F32", "shape": list(tensor.shape), "data_offsets": [start, len(data)]}
+    return header, data
+
+
+def write_file(path: Path, header: Any, data: bytes) -> Path:
+    """A safetensors file of this header, whatever it says."""
+    text = json.dumps(header).encode()
+    path.write_bytes(struct.pack("<Q", len(text)) + text + data)
+    return path
+
+
+def write_model(path: Path, tensors: dict[str, np.ndarray], information: Any) -> Path:
+    """A whole model file."""
+    return write_file(path, *header_and_data(tensors, information))

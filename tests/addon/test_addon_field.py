@@ -1,0 +1,82 @@
+"""The numpy evaluation against the float64 transcription of docs/formats.md."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from model_files import make_model, write_model
+from slow_reference import evaluate
+
+from addon import carriers, names
+from addon.field import CHUNK, anchor_state, local_gaussians, prepare, to_world
+from addon.model import read_model
+
+FRAMES = 5
+# First, last, on a frame, between frames, and outside the clip, where the planes hold and the networks go on.
+TIMES = (0.0, 1.0, 1 / 4, 0.5 / 4, 2.5 / 4, 0.777, -0.2, 1.3)
+
+
+@pytest.mark.parametrize("t", TIMES)
+@pytest.mark.parametrize(("stage", "dlgd"), [("fine", True), ("fine", False), ("coarse", False)])
+def test_evaluation_agrees_with_the_specification(t: float, stage: str, dlgd: bool, tmp_path: Path) -> None:
+    tensors, information = make_model(40, FRAMES, stage=stage, dlgd=dlgd)
+    model = read_model(write_model(tmp_path / "model.safetensors", tensors, information))
+    field = prepare(model)
+    center = np.array([3.0, -40.0, 17.0])
+    expected = evaluate(tensors, information, t, center)
+    state = anchor_state(field, t)
+    gaussians = local_gaussians(field, state, center)
+    extent = np.ptp(expected["anchors"], axis=0).max()
+    assert np.abs(to_world(model, state.positions) - expected["anchors"]).max() < 1e-6 * extent
+    assert np.abs(gaussians.positions - expected["positions"]).max() < 1e-6 * extent
+    assert np.abs(gaussians.scales - expected["scales"]).max() < 1e-6 * extent
+    assert np.abs(gaussians.colors - expected["colors"]).max() < 1e-5
+    assert np.abs(gaussians.opacities - expected["opacities"]).max() < 1e-5
+    assert np.abs(gaussians.quaternions - expected["quaternions"]).max() < 1e-5
+
+
+def test_anchors_move_visibly(tmp_path: Path) -> None:
+    """The other tests would pass on a model that stands still."""
+    model = read_model(write_model(tmp_path / "model.safetensors", *make_model(40)))
+    field = prepare(model)
+    moved = np.abs(anchor_state(field, 1.0).positions - anchor_state(field, 0.0).positions).max()
+    assert model.scale * moved > 1.0
+
+
+def test_chunks_do_not_show(tmp_path: Path) -> None:
+    """More anchors than one chunk give what each gives alone."""
+    tensors, information = make_model(CHUNK + 7)
+    field = prepare(read_model(write_model(tmp_path / "many.safetensors", tensors, information)))
+    few = {name: tensor[-9:] if name.startswith("anchors.") else tensor for name, tensor in tensors.items()}
+    alone = prepare(read_model(write_model(tmp_path / "few.safetensors", few, information)))
+    np.testing.assert_allclose(anchor_state(field, 0.4).positions[-9:], anchor_state(alone, 0.4).positions, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["xy", "yt"])
+def test_plane_of_one_texel_is_constant(name: str, tmp_path: Path) -> None:
+    tensors, information = make_model(10)
+    tensors[f"field.planes.0.{name}"] = tensors[f"field.planes.0.{name}"][:, :1, :1]
+    model = read_model(write_model(tmp_path / "model.safetensors", tensors, information))
+    expected = evaluate(tensors, information, 0.3, np.zeros(3))["anchors"]
+    np.testing.assert_allclose(to_world(model, anchor_state(prepare(model), 0.3).positions), expected, atol=1e-4)
+
+
+def test_clip_of_one_frame_has_time_zero(tmp_path: Path) -> None:
+    model = read_model(write_model(tmp_path / "model.safetensors", *make_model(10, frames=1)))
+    assert model.time_of_rank(0.0) == model.time_of_rank(5.0) == 0.0
+
+
+def test_anchor_summary_weighs_by_opacity(tmp_path: Path) -> None:
+    tensors, information = make_model(40)
+    model = read_model(write_model(tmp_path / "model.safetensors", tensors, information))
+    values = carriers.evaluate(prepare(model), names.ANCHORS, 0.5)
+    expected = evaluate(tensors, information, 0.5, model.camera_center_at(0.5))
+    opacity = np.maximum(expected["opacities"], 0)
+    np.testing.assert_allclose(values[names.OPACITY], opacity.max(axis=1), atol=1e-5)
+    seen = opacity.max(axis=1) > 0.05
+    srgb = (opacity[..., None] * expected["colors"]).sum(axis=1)[seen] / opacity.sum(axis=1)[seen, None]
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(values[names.COLOR][seen, :3], linear, atol=1e-4)
+    canonical = model.scale * tensors["anchors.position"] + model.translation
+    distance = np.linalg.norm(expected["anchors"] - canonical, axis=1)
+    np.testing.assert_allclose(values[names.DISPLACEMENT], distance, atol=1e-4)

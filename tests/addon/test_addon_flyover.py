@@ -1,0 +1,91 @@
+"""The script that makes flyover.blend, run as the demo runs it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from model_files import make_model, write_model
+from PIL import Image
+
+SCRIPT = Path(__file__).resolve().parent.parent.parent / "addon" / "make_flyover_blend.py"
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(SCRIPT), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("gaussians", [False, True])
+def test_makes_a_blend_and_a_picture(gaussians: bool, extension: str, extension_zip: Path, tmp_path: Path) -> None:
+    import bpy
+
+    assert extension  # installed here, to look into the file
+    model = write_model(tmp_path / "model.safetensors", *make_model(300))
+    blend, picture = tmp_path / "flyover.blend", tmp_path / "frame.png"
+    done = run(
+        model,
+        "--extension",
+        extension_zip,
+        "--out",
+        blend,
+        "--render",
+        picture,
+        "--frame",
+        2,
+        *["--gaussians"] * gaussians,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [f"Saved {blend}", f"Rendered {picture}"]
+    assert blend.read_bytes()[:4] in (b"BLEN", b"\x28\xb5\x2f\xfd")  # plain, or compressed by zstd
+    with Image.open(picture) as image:
+        assert image.size == (640, 360)
+        pixels = np.asarray(image.convert("RGB"))
+    background = np.round(255 * np.array([0.1, 0.2, 0.3]))
+    covered = (np.abs(pixels - background) > 8).any(axis=2).mean()
+    assert 0.05 < covered < 0.95
+    assert not list(tmp_path.glob(".*"))
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    scene = bpy.context.scene
+    assert (scene.frame_start, scene.frame_end, scene.frame_current) == (1, 5, 2)
+    assert scene.camera.type == "CAMERA"
+    shown = [obj for obj in bpy.data.objects if obj.type == "MESH" and not obj.hide_viewport]
+    assert [obj.aa4d.carrier for obj in shown] == ["ANCHORS"]
+    rendered = [obj for obj in bpy.data.objects if obj.type == "MESH" and not obj.hide_render]
+    assert [obj.aa4d.carrier for obj in rendered] == ["GAUSSIANS" if gaussians else "ANCHORS"]
+    obj = shown[0]
+    assert obj.aa4d.filepath == "//model.safetensors"
+    places = []
+    for frame in (1, 5):
+        scene.frame_set(frame)
+        geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+        cloud = geometry.pointcloud
+        place = np.empty(3 * len(cloud.points), np.float32)
+        cloud.attributes["position"].data.foreach_get("vector", place)
+        places.append(np.median(place.reshape(-1, 3), axis=0))
+    assert np.linalg.norm(places[1] - places[0]) > 0.1
+
+
+@pytest.mark.parametrize(("frame", "words"), [(None, "cut short"), (99, "--frame 99 is outside the clip, 1 to 5")])
+def test_bad_input_is_one_line_and_leaves_nothing(
+    frame: int | None, words: str, extension_zip: Path, tmp_path: Path
+) -> None:
+    model = write_model(tmp_path / "model.safetensors", *make_model(20))
+    if frame is None:
+        model.write_bytes(model.read_bytes()[:-50])
+    options = [] if frame is None else ["--frame", frame]
+    done = run(model, "--extension", extension_zip, "--out", tmp_path / "flyover.blend", *options)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == [model]
+
+
+def test_foreign_extension_is_refused_in_one_line(tmp_path: Path) -> None:
+    pytest.importorskip("bpy")
+    model = write_model(tmp_path / "model.safetensors", *make_model(20))
+    done = run(model, "--extension", model, "--out", tmp_path / "flyover.blend")
+    assert done.returncode == 2
+    assert done.stderr.strip() == f"{model} is not the extension; build it with addon/build_extension.py."
+    assert list(tmp_path.iterdir()) == [model]
