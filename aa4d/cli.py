@@ -83,8 +83,9 @@ def demo(
 ) -> None:
     """The main job: render a scene, train, evaluate, show the result in Blender. Continues where it stopped."""
     from aa4d.demo import run_demo
+    from aa4d.training.config import PRESETS
 
-    run_demo(scene, out, console, training_progress, step_progress)
+    run_demo(scene, out, PRESETS["quick"], console, training_progress, step_progress)
 
 
 @contextmanager

@@ -21,13 +21,11 @@ from aa4d.evaluation.evaluate import evaluate
 from aa4d.files import make_folder, write_json
 from aa4d.model_file import copy_model
 from aa4d.report import write_report
-from aa4d.training.config import PRESETS
+from aa4d.training.config import TrainingConfig
 from aa4d.training.trainer import Progress, train
 
 MakeTrainingProgress = Callable[[], AbstractContextManager[Progress]]
 MakeStepProgress = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
-
-PRESET = "quick"
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,7 @@ class Stage:
 def run_demo(
     scene: Path,
     out: Path,
+    config: TrainingConfig,
     console: Console,
     training_progress: MakeTrainingProgress,
     step_progress: MakeStepProgress,
@@ -59,7 +58,7 @@ def run_demo(
         raise InputError(f"{scene}: no such scene file; scenes/ holds some")
     make_folder(out)
     clock = StageClock(out / "seconds.json")
-    for stage in stages(scene, out, clock, training_progress, step_progress):
+    for stage in stages(scene, out, config, clock, training_progress, step_progress):
         if stage.is_done():
             console.print(
                 f"[bold]{stage.name}[/bold]: done before ({clock.seconds[stage.name]:.0f} s)", highlight=False
@@ -77,6 +76,7 @@ def run_demo(
 def stages(
     scene: Path,
     out: Path,
+    config: TrainingConfig,
     clock: StageClock,
     training_progress: MakeTrainingProgress,
     step_progress: MakeStepProgress,
@@ -91,7 +91,7 @@ def stages(
 
     def fit() -> None:
         with training_progress() as progress:
-            copy_model(train(read_capture(capture), run, PRESETS[PRESET], progress), model)
+            copy_model(train(read_capture(capture), run, config, progress), model)
 
     def score() -> None:
         with step_progress("held-out frames") as progress:
@@ -102,7 +102,17 @@ def stages(
         check(run_forwarding_interrupts([sys.executable, str(script("addon/build_extension.py")), str(extension)]))
 
     def show() -> None:
-        arguments = (str(model), "--extension", str(extension), "--out", str(blend), "--render", str(picture))
+        # The local Gaussians make the better picture; in the file they lie beside the anchors, hidden in the viewport.
+        arguments = (
+            str(model),
+            "--extension",
+            str(extension),
+            "--out",
+            str(blend),
+            "--gaussians",
+            "--render",
+            str(picture),
+        )
         check(run_in_blender("addon/make_flyover_blend.py", *arguments))
 
     def report() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -30,7 +30,9 @@ def write_report(
     blender_picture: Path,
 ) -> None:
     """Write `path` from the renders of `aa4d eval` (NAME.png and NAME_static.png in `renders`)."""
-    environment = Environment(loader=PackageLoader("aa4d", "."), autoescape=True, undefined=StrictUndefined)
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
+    )
     html = environment.get_template("report.html.jinja").render(
         name=capture.name,
         frames=[_row(capture, renders, score) for score in spread(metrics["frames"], PICTURED_FRAMES)],

@@ -1,0 +1,120 @@
+"""The demo's bookkeeping, without Blender: stages, their seconds, the summary and the report."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from aa4d.blender import run_forwarding_interrupts
+from aa4d.capture.reader import read_capture
+from aa4d.demo import Stage, StageClock, check, summarise
+from aa4d.errors import InputError, Interrupted
+from aa4d.evaluation.evaluate import evaluate
+from aa4d.report import spread, write_report
+from aa4d.training.config import TrainingConfig
+from aa4d.training.trainer import train
+
+
+def silent(*_: object) -> None:
+    pass
+
+
+def test_a_stage_is_done_when_its_outputs_are_newer_than_its_inputs(tmp_path: Path) -> None:
+    source, product = tmp_path / "in", tmp_path / "out"
+    stage = Stage("s", "", (source,), (product,), silent)
+    source.write_text("a")
+    assert not stage.is_done()
+    product.write_text("b")
+    os.utime(source, ns=(0, product.stat().st_mtime_ns - 1))
+    assert stage.is_done()
+    os.utime(source, ns=(0, product.stat().st_mtime_ns + 1))
+    assert not stage.is_done()
+
+
+def test_seconds_of_a_stopped_stage_add_up_and_those_of_a_new_run_begin_anew(tmp_path: Path) -> None:
+    path = tmp_path / "seconds.json"
+
+    def stopped() -> None:
+        with StageClock(path).running("render"):
+            time.sleep(0.02)
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        stopped()
+    clock = StageClock(path)
+    assert clock.seconds == {}
+    with clock.running("render"):
+        time.sleep(0.02)
+    assert clock.seconds["render"] >= 0.04
+    kept = StageClock(path)
+    with kept.running("render"):
+        pass
+    assert kept.seconds["render"] < 0.02
+
+
+def test_exit_codes_of_stages_become_sentences() -> None:
+    check(0)
+    with pytest.raises(Interrupted, match="the same command continues"):
+        check(130)
+    with pytest.raises(InputError, match="exit code 2"):
+        check(2)
+
+
+def test_an_interrupt_reaches_the_child_once_and_its_exit_code_comes_back(tmp_path: Path) -> None:
+    child = tmp_path / "child.py"
+    child.write_text(
+        "import sys, time\n"
+        "try:\n    print('ready', flush=True); time.sleep(30)\n"
+        "except KeyboardInterrupt:\n    time.sleep(0.5); print('saved', flush=True); sys.exit(130)\n"
+    )
+    code = (
+        f"import sys; from aa4d.blender import *; sys.exit(run_forwarding_interrupts([sys.executable, {str(child)!r}]))"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    assert parent.stdout.readline() == "ready\n"
+    parent.send_signal(signal.SIGINT)
+    assert parent.stdout.read() == "saved\n"
+    assert parent.wait(timeout=20) == 130
+
+
+def test_a_child_that_succeeds_returns_zero() -> None:
+    assert run_forwarding_interrupts([sys.executable, "-c", ""]) == 0
+
+
+def test_spread_prefers_frames_in_which_something_moves() -> None:
+    frames = [{"frame": i, "moving_share": 0.0 if i < 3 else 0.1} for i in range(8)]
+    assert [f["frame"] for f in spread(frames, 3)] == [4, 5, 6]
+    still = [{"frame": i, "moving_share": None} for i in range(2)]
+    assert len(spread(still, 3)) == 2
+
+
+def test_report_holds_its_pictures_and_figures(toy_capture: Path, tmp_path: Path) -> None:
+    config = TrainingConfig(preset="test", coarse_iterations=5, fine_iterations=5)
+    capture = read_capture(toy_capture)
+    train(capture, tmp_path / "run", config, silent)
+    metrics = evaluate(tmp_path / "run", None, silent).as_json()
+    Image.new("RGB", (8, 8)).save(tmp_path / "blender.png")
+    named = replace(capture, name="<script>alert(1)</script>")
+    report = tmp_path / "report.html"
+    write_report(report, named, tmp_path / "run/eval", metrics, {"training": 1.5}, tmp_path / "blender.png")
+    html = report.read_text()
+    sources = re.findall(r'src="([^"]*)', html)
+    assert len(sources) >= 5 * 2 + 1
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not re.findall(r'(?:href|src)="https?:', html)
+    assert "<script>" not in html
+    assert f"{metrics['psnr']:.2f} dB" in html
+    summary = summarise(metrics, {"training": 1.54})
+    wanted = {"psnr", "psnr_dynamic", "ssim", "fps", "anchors", "gaussians", "neural_mib", "seconds"}
+    assert wanted <= summary.keys()
+    assert summary["seconds"] == {"training": 1.5}
+    json.dumps(summary, allow_nan=False)
