@@ -1,0 +1,1 @@
+"""Everything that talks to Blender: build the scene, place what moves, render, read the passes."""

@@ -1,0 +1,42 @@
+"""Film a plan: build it in Blender and render every frame that is missing from the capture."""
+
+import tempfile
+from pathlib import Path
+
+from synth.blender.build import build_stage
+from synth.blender.passes import linear_rgb, truth
+from synth.blender.render import make_renderer
+from synth.blender.session import silence, start_empty
+from synth.capture import Folder
+from synth.costs import Costs
+from synth.develop import png, srgb_from_linear
+from synth.files import write_bytes, write_npz
+from synth.plan import Plan
+from synth.progress import Progress
+
+
+def film(plan: Plan, folder: Folder, costs: Costs) -> None:
+    """Write the picture and the truth of every missing frame; each file appears whole."""
+    missing = [frame for frame in plan.frames if not folder.complete(frame)]
+    if not missing:
+        return
+    silence()
+    if len(missing) < len(plan.frames):
+        print(f"{len(plan.frames) - len(missing)} of {len(plan.frames)} frames are there; rendering the others")
+    with tempfile.TemporaryDirectory(prefix="aa4d-synth-") as scratch:
+        with costs.stage("build"):
+            start_empty()
+            stage = build_stage(plan)
+            renderer = make_renderer(stage.scene, plan.scene.camera, plan.scene.render, Path(scratch))
+        progress = Progress("frame", len(missing))
+        for frame in missing:
+            stage.place(plan, frame)
+            with costs.stage("truth", frame.name):
+                arrays = truth(renderer.render_truth())
+            with costs.stage("picture", frame.name):
+                image = srgb_from_linear(linear_rgb(renderer.render_picture(frame.seed)))
+            with costs.stage("write", frame.name):
+                write_npz(folder.truth(frame), **arrays)
+                write_bytes(folder.image(frame), png(image))
+            costs.save()
+            progress.step()

@@ -1,0 +1,68 @@
+"""The capture folder: is it ours to write, what is there already, and where things go (docs/formats.md)."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from synth.errors import InputError
+from synth.files import TEMPORARY_SUFFIX, write_json
+from synth.plan import Frame, first_difference
+
+PLAN = "plan.json"
+INDEX = "capture.json"
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Paths inside a capture folder."""
+
+    root: Path
+
+    def image(self, frame: Frame) -> Path:
+        return self.root / "frames" / f"{frame.name}.png"
+
+    def truth(self, frame: Frame) -> Path:
+        return self.root / "truth" / f"{frame.name}.npz"
+
+    def relative(self, path: Path) -> str:
+        return path.relative_to(self.root).as_posix()
+
+    def complete(self, frame: Frame) -> bool:
+        """Both files of a frame exist; each is whole if it exists."""
+        return self.image(frame).is_file() and self.truth(frame).is_file()
+
+
+def open_folder(root: Path, plan: dict[str, Any]) -> Literal["new", "unfinished", "finished"]:
+    """Claim an output folder for a plan (see `plan.document`); what was half-written before is removed.
+
+    Raises:
+        InputError: the folder holds something else, or cannot be written to.
+    """
+    try:
+        state = _state(root, plan)
+        if state != "finished":
+            root.mkdir(parents=True, exist_ok=True)
+            write_json(root / PLAN, plan)
+            for leftover in root.rglob(f"*{TEMPORARY_SUFFIX}"):
+                leftover.unlink()
+    except OSError as error:
+        raise InputError(f"{root}: cannot write there: {error.strerror}; choose another folder with --out.") from None
+    return state
+
+
+def _state(root: Path, plan: dict[str, Any]) -> Literal["new", "unfinished", "finished"]:
+    if root.exists() and not root.is_dir():
+        raise InputError(f"{root}: is a file; --out must name a new or empty folder.")
+    if not root.exists() or not any(path.name != PLAN + TEMPORARY_SUFFIX for path in root.iterdir()):
+        return "new"
+    if not (root / PLAN).is_file():
+        raise InputError(f"{root}: is not empty and holds no capture of this scene; choose a new or empty folder.")
+    try:
+        there = json.loads((root / PLAN).read_text(encoding="utf-8"))
+    except ValueError:
+        raise InputError(f"{root}: its {PLAN} is damaged; choose a new or empty folder.") from None
+    difference = first_difference(plan, there)
+    if difference:
+        raise InputError(f"{root}: holds a capture of another plan ({difference}); choose a new or empty folder.")
+    return "finished" if (root / INDEX).is_file() else "unfinished"

@@ -1,0 +1,1 @@
+"""What stands in the scene, as plain meshes: streets, buildings, trees, furniture, vehicles. No Blender here."""

@@ -1,0 +1,112 @@
+"""The plan: a scene with every number resolved, before anything is rendered."""
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from synth import __version__
+from synth.camera import intrinsics
+from synth.city.layout import City, build_city
+from synth.flight import ArcFlight
+from synth.seeds import frame_seed
+from synth.spec import Scene
+from synth.traffic.instances import Fleet, build_fleet
+
+Array = NDArray[np.float64]
+
+TEST_EVERY = 8  # docs/formats.md: ranks 0, 8, 16, ... are held out
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One instant of the clip."""
+
+    rank: int
+    name: str
+    time_s: float
+    t: float
+    split: Literal["train", "test"]
+    seed: int
+    viewmat: Array  # [4, 4]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that the renderer and the exporters need."""
+
+    scene: Scene
+    K: Array  # [3, 3]
+    frames: tuple[Frame, ...]
+    flight: ArcFlight
+    fleet: Fleet
+    city: City
+
+
+def make_plan(scene: Scene) -> Plan:
+    """Resolve a scene.
+
+    Raises:
+        InputError: the traffic collides.
+    """
+    count, fps = scene.time.frames, scene.time.fps
+    duration = (count - 1) / fps
+    flight = ArcFlight(scene.flight, duration)
+    frames = tuple(
+        Frame(
+            rank=k,
+            name=f"{k:06d}",
+            time_s=k / fps,
+            t=k / (count - 1) if count > 1 else 0.0,
+            split="test" if k % TEST_EVERY == 0 else "train",
+            seed=frame_seed(scene.seed, k),
+            viewmat=flight.viewmat(k / fps),
+        )
+        for k in range(count)
+    )
+    return Plan(scene, intrinsics(scene.camera), frames, flight, build_fleet(scene, duration), build_city(scene))
+
+
+def document(plan: Plan, blender: str) -> dict[str, Any]:
+    """The plan as JSON: what identifies a capture folder. Two equal documents render the same bytes.
+
+    Meshes and trajectories enter by their SHA-256, `blender` is the version that renders.
+    """
+    poses = np.stack([plan.fleet.object_to_world(frame.time_s) for frame in plan.frames])
+    content: dict[str, Any] = {
+        "format": "aa4d-synth-plan",
+        "version": 1,
+        "generator": {"program": "aa4d synth", "version": __version__, "blender": blender},
+        "scene": dataclasses.asdict(plan.scene),
+        "K": plan.K.tolist(),
+        "frames": [{**dataclasses.asdict(frame), "viewmat": frame.viewmat.tolist()} for frame in plan.frames],
+        "instances": [dataclasses.asdict(instance) for instance in plan.fleet.instances],
+        "trajectories_sha256": hashlib.sha256(poses.tobytes()).hexdigest(),
+        "city_sha256": plan.city.digest(),
+    }
+    content = json.loads(json.dumps(content))  # tuples become lists, as in a document read back
+    content["sha256"] = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    return content
+
+
+def first_difference(here: Any, there: Any, key: str = "") -> str | None:
+    """The first key in which two plans differ with both values, in words; None when they agree."""
+    if isinstance(here, dict) and isinstance(there, dict):
+        for name in here:
+            if name not in there:
+                return f"{key}{name} is absent there"
+            if name != "sha256" and (found := first_difference(here[name], there[name], f"{key}{name}.")):
+                return found
+        return None
+    if isinstance(here, list) and isinstance(there, list) and len(here) == len(there):
+        pairs = enumerate(zip(here, there, strict=True))
+        return next((f for i, (a, b) in pairs if (f := first_difference(a, b, f"{key}{i}."))), None)
+    if here == there:
+        return None
+    short = all(len(json.dumps(value)) < 60 for value in (here, there))
+    name = key.removesuffix(".")
+    return f"{name} is {json.dumps(there)} there and {json.dumps(here)} here" if short else f"{name} differs"
