@@ -25,6 +25,10 @@ from tyro.conf import Positional, arg
 
 from aa4d.errors import InputError, Interrupted
 
+DESCRIPTION = (
+    "AdaAnchor4D: drone video of moving traffic becomes a 4D scene that you can scrub in Blender. "
+    "`aa4d demo` does it all; the other commands are its steps. Every command can be stopped and run again."
+)
 console = Console()
 app = tyro.extras.SubcommandApp()
 
@@ -159,7 +163,7 @@ def metrics_table(metrics: dict) -> Table:
 
 def main() -> None:
     try:
-        app.cli(prog="aa4d", description=__doc__)
+        app.cli(prog="aa4d", description=DESCRIPTION)
     except InputError as error:
         Console(stderr=True).print(f"aa4d: {error}", markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)
