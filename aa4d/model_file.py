@@ -144,6 +144,9 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
     """Sizes that the header does not state stand in the tensors' shapes."""
     try:
         value = header["config"]
+        variant = (value["aggregation"], value["dlgd"], value["dacw"])
+        if variant != ("acfa", True, True):
+            raise InputError(f"{path}: a model variant {variant} that this aa4d does not know; update aa4d")
         levels = range(int(value["levels"]))
         planes = [_tensor(tensors, f"field.planes.{level}.xt", path) for level in levels]
         return ModelConfig(

@@ -126,6 +126,12 @@ def test_an_incomplete_configuration_is_refused(model_path: Path) -> None:
         load_model(model_path)
 
 
+def test_an_unknown_variant_is_refused(model_path: Path) -> None:
+    rewrite_header(model_path, lambda h: h["config"].update(aggregation="product"))
+    with pytest.raises(InputError, match="variant .*'product'"):
+        load_model(model_path)
+
+
 def test_tensors_that_do_not_fit_the_configuration_are_refused(model_path: Path) -> None:
     rewrite_header(model_path, lambda h: h["config"].update(offsets=4))
     with pytest.raises(InputError, match="do not fit"):
