@@ -21,6 +21,7 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
+        (("synth", "absent.toml", "--out", "capture"), "absent.toml: cannot read the scene file"),
         (("train", "absent", "--out", "run"), "absent: no such capture folder"),
         (("eval", "absent"), "no such model file"),
         (("demo", "absent.toml", "--out", "demo"), "absent.toml: no such scene file"),
