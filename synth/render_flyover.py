@@ -1,7 +1,7 @@
 """Render a scene file to a capture: frames, depth, instance ids, tracks, and cameras for nerfstudio and COLMAP.
 
-    blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/crossroads
-    python synth/render_flyover.py scenes/crossroads.toml --out captures/crossroads      (with the bpy module)
+blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/crossroads
+python synth/render_flyover.py scenes/crossroads.toml --out captures/crossroads      (with the bpy module)
 """
 
 import argparse
