@@ -116,8 +116,8 @@ def test_depth_of_the_road_is_exact(reader: Reader) -> None:
         assert flat.sum() > 500
         known = np.array([0.0, 0.002, 0.003, MARKING_HEIGHT_M])
         height_error = np.abs(on_ground[flat][:, None] - known).min(axis=1)
-        assert np.percentile(height_error, 99) < 2e-4  # metres, at 40 metres
-        asphalt = np.abs(on_ground) < 2e-4
+        assert np.percentile(height_error, 99) < 5e-4  # metres, seen from 45 metres
+        asphalt = flat & (np.abs(on_ground) < 5e-4)
         exact = eye[2] / (eye[2] - rays[..., 2])
         assert asphalt.sum() > 300
         np.testing.assert_allclose(depth[asphalt], exact[asphalt], rtol=2e-5)
