@@ -8,16 +8,17 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, Command
 from PIL import Image
 
 from synth.develop import png, srgb_from_linear
 
-SCRIPT = ROOT / "synth" / "render_flyover.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "synth" / "render_flyover.py"
+Command = Callable[[Sequence[object]], "subprocess.CompletedProcess[str]"]
 needs_bpy = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy module")
 
 
