@@ -34,5 +34,5 @@ def write_json(path: Path, content: Any) -> None:
 def write_npz(path: Path, **arrays: np.ndarray) -> None:
     """Compressed arrays; the same arrays give the same bytes."""
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    np.savez_compressed(buffer, **arrays)
     write_bytes(path, buffer.getvalue())

@@ -39,12 +39,11 @@ class ArcFlight:
         flight = self.flight
         share = time_s / self.duration_s if self.duration_s > 0 else 0.0
         angle = math.radians(flight.start_deg + flight.sweep_deg * share)
-        centre = np.array(flight.centre_m)
         pose = np.eye(4)
-        pose[:3, :3] = orientation(
-            angle + math.pi, -math.atan2(flight.altitude_m - flight.centre_m[2], flight.radius_m)
-        )
-        pose[:3, 3] = centre + [flight.radius_m * math.cos(angle), flight.radius_m * math.sin(angle), 0.0]
+        pitch = -math.atan2(flight.altitude_m - flight.centre_m[2], flight.radius_m)
+        pose[:3, :3] = orientation(angle + math.pi, pitch)
+        pose[0, 3] = flight.centre_m[0] + flight.radius_m * math.cos(angle)
+        pose[1, 3] = flight.centre_m[1] + flight.radius_m * math.sin(angle)
         pose[2, 3] = flight.altitude_m
         return pose
 

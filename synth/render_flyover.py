@@ -1,7 +1,7 @@
 """Render a scene file to a capture: frames, depth, instance ids, tracks, and cameras for nerfstudio and COLMAP.
 
-    blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/crossroads
-    python synth/render_flyover.py scenes/crossroads.toml --out captures/crossroads      (with the bpy module)
+blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/crossroads
+python synth/render_flyover.py scenes/crossroads.toml --out captures/crossroads      (with the bpy module)
 """
 
 import argparse
@@ -9,6 +9,7 @@ import importlib.util
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -54,6 +55,9 @@ def main(arguments: Sequence[str]) -> int:
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
+    except OSError as error:  # a full disk, a folder taken away
+        print(f"{error.filename or options.out}: {error.strerror}; what is finished is kept.", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("\nInterrupted: what is finished is kept, and the same command continues from there.", file=sys.stderr)
         return 130
@@ -97,7 +101,11 @@ def own_arguments() -> list[str]:
 
 
 if __name__ == "__main__":
-    code = main(own_arguments())
+    try:
+        code = main(own_arguments())
+    except Exception:
+        traceback.print_exc()
+        code = 1
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)  # bpy 4.5 hangs in the interpreter's regular exit

@@ -259,7 +259,9 @@ def _expected(kind: Any, metadata: Any) -> str:
     if get_origin(kind) is tuple:
         items = get_args(kind)
         count = "any number" if items[-1] is Ellipsis else str(len(items))
-        what = "lists" if get_origin(items[0]) is tuple else "tables" if dataclasses.is_dataclass(items[0]) else "numbers"
+        what = (
+            "lists" if get_origin(items[0]) is tuple else "tables" if dataclasses.is_dataclass(items[0]) else "numbers"
+        )
         return f"a list of {count} {what}" if count != "any number" else f"a list of {what}"
     words = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}[kind]
     if metadata.get("range"):

@@ -14,6 +14,11 @@ from synth.files import write_bytes, write_npz
 from synth.plan import Plan
 from synth.progress import Progress
 
+# Blender keeps the loaded geometry of one scene at a time: going back and forth between the truth and the picture for
+# every frame would load it twice a frame, which takes longer than the truth itself.
+BATCH = 24
+TRUTH_SHARE = 0.15  # of the time of a frame, for the estimate of what is left
+
 
 def film(plan: Plan, folder: Folder, costs: Costs) -> None:
     """Write the picture and the truth of every missing frame; each file appears whole."""
@@ -29,14 +34,19 @@ def film(plan: Plan, folder: Folder, costs: Costs) -> None:
             stage = build_stage(plan)
             renderer = make_renderer(stage.scene, plan.scene.camera, plan.scene.render, Path(scratch))
         progress = Progress("frame", len(missing))
-        for frame in missing:
-            stage.place(plan, frame)
-            with costs.stage("truth", frame.name):
-                arrays = truth(renderer.render_truth())
-            with costs.stage("picture", frame.name):
-                image = srgb_from_linear(linear_rgb(renderer.render_picture(frame.seed)))
-            with costs.stage("write", frame.name):
-                write_npz(folder.truth(frame), **arrays)
-                write_bytes(folder.image(frame), png(image))
-            costs.save()
-            progress.step()
+        for start in range(0, len(missing), BATCH):
+            batch = missing[start : start + BATCH]
+            for frame in batch:
+                if not folder.truth(frame).is_file():
+                    stage.place(plan, frame)
+                    with costs.stage("truth", frame.name):
+                        write_npz(folder.truth(frame), **truth(renderer.render_truth()))
+                progress.advance(TRUTH_SHARE)
+            for frame in batch:
+                if not folder.image(frame).is_file():
+                    stage.place(plan, frame)
+                    with costs.stage("picture", frame.name):
+                        linear = linear_rgb(renderer.render_picture(frame.seed))
+                        write_bytes(folder.image(frame), png(srgb_from_linear(linear)))
+                costs.save()
+                progress.advance(1 - TRUTH_SHARE)

@@ -12,12 +12,13 @@ import bpy
 
 from synth.blender.materials import INSTANCE
 from synth.blender.passes import read_passes
+from synth.blender.session import interrupt_deferred
 from synth.spec import Camera, Render
 
 
 @dataclass(frozen=True)
 class Renderer:
-    """Two Blender scenes over the same objects, so that each keeps its own settings and its own loaded geometry."""
+    """Two Blender scenes over the same objects, each with its own settings. Going from one to the other is slow."""
 
     picture: Any
     truth: Any
@@ -35,7 +36,8 @@ class Renderer:
     def _render(self, scene: Any) -> dict[str, Any]:
         path = self.scratch / f"{scene.name}.exr"
         scene.render.filepath = str(path)
-        bpy.ops.render.render(write_still=True, scene=scene.name)
+        with interrupt_deferred():
+            bpy.ops.render.render(write_still=True, scene=scene.name)
         passes = read_passes(path)
         path.unlink()
         return passes
@@ -79,6 +81,7 @@ def _common(scene: Any, camera: Camera) -> None:
     scene.view_settings.view_transform = "Standard"
     cycles.device = "CPU"
     cycles.use_adaptive_sampling = False
+    cycles.debug_bvh_type = "DYNAMIC_BVH"  # only what moved is sorted anew
 
 
 def _picture(scene: Any, render: Render) -> None:

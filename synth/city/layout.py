@@ -99,7 +99,8 @@ def _park(mesh: Mesh, street: Street, block: Block, rng: np.random.Generator) ->
     """Lawn, gravel paths and scattered trees."""
     sx, sy = CORNERS[block.corner]
     start, z = half_width(street) + KERB_M + street.pavement_width_m, KERB_HEIGHT_M + 0.02
-    path = [(start, start), (start + 2.6, start), (DEPTH_M, DEPTH_M - 2.6), (DEPTH_M, DEPTH_M), (DEPTH_M - 2.6, DEPTH_M),
+    far = DEPTH_M
+    path = [(start, start), (start + 2.6, start), (far, far - 2.6), (far, far), (far - 2.6, far),
             (start, start + 2.6)]  # fmt: skip
     mesh.polygon([(sx * u, sy * v, z) for u, v in path], "gravel")
     middle = start + 24.0

@@ -17,7 +17,6 @@ class Surface:
     variation: tuple[tuple[float, float], ...] = ()
     slabs_m: float = 0.0
     paint: Literal["face", "object"] = "face"
-    emission: float = 0.0
 
 
 GROUND = ((0.12, 0.25), (0.9, 0.22))

@@ -1,6 +1,7 @@
 """Parametric vehicle bodies: a lofted hull, a glazed cabin, wheels and lights. Origin: centre of the footprint on the
 ground, x forward, z up."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +67,7 @@ def _hull(mesh: Mesh, body: Body, profile: Profile) -> None:
         middle = low + 0.45 * (top - low)
         ring = [(-0.9 * w, low), (-w, middle), (-0.93 * w, top), (0.93 * w, top), (w, middle), (0.9 * w, low)]
         sections.append([(x, y, z) for y, z in ring])
-    for behind, ahead in zip(sections, sections[1:], strict=False):
+    for behind, ahead in itertools.pairwise(sections):
         for k in range(6):
             n = (k + 1) % 6
             surface = "bumper" if k == 5 else "paint"

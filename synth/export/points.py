@@ -96,7 +96,9 @@ def _tolerance(view: View) -> Array:
     depth = np.where(np.isfinite(view.depth_z), view.depth_z, 1e6).astype(np.float64)
     steps = [np.abs(np.diff(depth, axis=axis)) for axis in (0, 1)]
     slope = np.minimum(np.pad(steps[0], ((0, 1), (0, 0)), mode="edge"), np.pad(steps[0], ((1, 0), (0, 0)), mode="edge"))
-    slope += np.minimum(np.pad(steps[1], ((0, 0), (0, 1)), mode="edge"), np.pad(steps[1], ((0, 0), (1, 0)), mode="edge"))
+    slope += np.minimum(
+        np.pad(steps[1], ((0, 0), (0, 1)), mode="edge"), np.pad(steps[1], ((0, 0), (1, 0)), mode="edge")
+    )
     return DEPTH_AGREEMENT + np.minimum(slope / depth, 0.02)
 
 

@@ -15,6 +15,7 @@ from synth.traffic.parking import Parked, park
 from synth.traffic.simulation import Drives, simulate
 
 Array = NDArray[np.float64]
+Paint = tuple[float, float, float]
 
 MOVING_MPS = 0.05  # docs/formats.md: above this speed an instance is moving
 CLEARANCE_M = 0.1  # bodies closer than this count as overlapping
@@ -27,7 +28,7 @@ class Instance:
     id: int
     name: str
     kind: Kind
-    paint: tuple[float, float, float]
+    paint: Paint
 
 
 @dataclass(frozen=True)
@@ -70,11 +71,13 @@ def build_fleet(scene: Scene, duration_s: float) -> Fleet:
     paints = generator(scene.seed, "paints")
     weights = np.array([weight for _, weight in PAINTS])
     instances = []
-    for index, vehicle in enumerate((*scene.vehicles, *parked)):
+    described: list[tuple[Kind, str, Paint | None]] = [
+        (vehicle.kind, vehicle.route, vehicle.colour) for vehicle in scene.vehicles
+    ]
+    described += [(vehicle.kind, "parked", None) for vehicle in parked]
+    for number, (kind, where, colour) in enumerate(described, start=1):
         drawn = PAINTS[paints.choice(len(PAINTS), p=weights / weights.sum())][0]
-        colour = None if isinstance(vehicle, Parked) else vehicle.colour
-        name = f"parked-{vehicle.kind}" if isinstance(vehicle, Parked) else f"{vehicle.route}-{vehicle.kind}"
-        instances.append(Instance(index + 1, f"{name}-{index + 1:03d}", vehicle.kind, colour or drawn))
+        instances.append(Instance(number, f"{where}-{kind}-{number:03d}", kind, colour or drawn))
     fleet = Fleet(tuple(instances), drives, parked)
     for time_s in np.linspace(0.0, duration_s, max(2, round(duration_s / 0.1) + 1)):
         clash = overlapping(fleet, float(time_s))

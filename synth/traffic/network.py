@@ -3,6 +3,7 @@
 Traffic keeps to the right. Every approach ends at its stop line.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -88,7 +89,7 @@ def crossroads(street: Street) -> Network:
 def joints(path: Path) -> np.ndarray:
     """Gaps between successive pieces: [pieces - 1, 2] of metres and radians (wrapped). All zero for a sound path."""
     gaps = []
-    for before, after in zip(path.pieces, path.pieces[1:], strict=False):
+    for before, after in itertools.pairwise(path.pieces):
         turn = math.remainder(after.heading - before.end_heading, 2 * math.pi)
         gaps.append((math.dist(before.end, after.start), turn))
     return np.array(gaps).reshape(-1, 2)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from synth.errors import InputError
 from synth.spec import Signal, Traffic, Vehicle
 from synth.traffic.fleet import BODIES
-from synth.traffic.following import ballistic, idm_acceleration
+from synth.traffic.following import HARDEST_BRAKING_MPS2, ballistic, idm_acceleration
 from synth.traffic.network import Network
 from synth.traffic.paths import Path
 from synth.traffic.signals import is_green
@@ -16,6 +16,8 @@ from synth.traffic.signals import is_green
 Array = NDArray[np.float64]
 
 STOP_GAP_M = 0.5  # bumper to stop line when waiting
+HOLD_M = 0.05  # this close to where it means to stop, a vehicle holds its brakes
+EASY_BRAKING_MPS2 = 2.0  # braking for a red light starts when this would be needed
 FIRM_BRAKING_MPS2 = 4.0  # who would need more than this to stop for a red light drives on, as drivers do
 
 
@@ -87,13 +89,20 @@ def simulate(
                 "start it farther back or slower."
             )
         acceleration = idm_acceleration(speed, cruise, gap, closing, traffic)
-        # The stop line is a standing leader whose minimum gap is already in `to_line`.
-        at_line = np.where(stopping, np.maximum(to_line, 0.0) + traffic.gap_m, np.inf)
-        acceleration = np.minimum(acceleration, idm_acceleration(speed, cruise, at_line, speed, traffic))
+        acceleration = np.where(stopping, np.minimum(acceleration, _braking(to_line, needed)), acceleration)
         history.append((position, speed, acceleration))
         position, speed = ballistic(position, speed, acceleration, traffic.step_s)
     positions, speeds, accelerations = (np.array(column) for column in zip(*history, strict=True))
     return Drives(vehicles, paths, times, positions, speeds, accelerations)
+
+
+def _braking(to_line: Array, needed: Array) -> Array:
+    """Acceleration [M] that ends at the stop line: evenly once it is worth braking, held when there.
+
+    IDM's own approach to a standing obstacle creeps and never quite stops, which no driver does at a red light.
+    """
+    even = np.where(needed >= EASY_BRAKING_MPS2, -np.minimum(needed, HARDEST_BRAKING_MPS2), np.inf)
+    return np.where(to_line <= HOLD_M, -HARDEST_BRAKING_MPS2, even)
 
 
 def _shared_offsets(network: Network, vehicles: tuple[Vehicle, ...]) -> list[list[list[tuple[float, float, float]]]]:

@@ -1,0 +1,142 @@
+"""The command line: refusals, resuming, and both ways to start it."""
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from synth.develop import png, srgb_from_linear
+
+SCRIPT = Path(__file__).resolve().parents[2] / "synth" / "render_flyover.py"
+Command = Callable[[Sequence[object]], "subprocess.CompletedProcess[str]"]
+needs_bpy = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy module")
+
+
+def refused(result: "subprocess.CompletedProcess[str]") -> str:
+    """The one sentence of a refusal."""
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    return lines[0]
+
+
+def digests(capture: Path) -> dict[str, str]:
+    """SHA-256 of every file but the timings."""
+    files = [path for path in capture.rglob("*") if path.is_file() and path.name != "cost.json"]
+    return {path.relative_to(capture).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def test_help_teaches(flyover: Command) -> None:
+    result = flyover(["--help"])
+    assert result.returncode == 0
+    for word in ("SCENE", "--out", "blender -b -P", "docs/scenes.md"):
+        assert word in result.stdout
+
+
+def test_bad_scene_is_refused_before_anything_is_written(flyover: Command, tiny_scene: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "bad.toml"
+    scene.write_text(tiny_scene.read_text().replace("radius_m", "radios_m"))
+    message = refused(flyover([scene, "--out", tmp_path / "out"]))
+    assert "flight.radios_m" in message
+    assert "'radius_m'" in message
+    assert not (tmp_path / "out").exists()
+
+
+@needs_bpy
+def test_folder_with_other_things_is_refused(flyover: Command, tiny_scene: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work")
+    assert "not empty" in refused(flyover([tiny_scene, "--out", tmp_path]))
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+@needs_bpy
+def test_folder_that_cannot_be_written_is_refused(flyover: Command, tiny_scene: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert "is a file" in refused(flyover([tiny_scene, "--out", tmp_path / "file"]))
+    assert "cannot write" in refused(flyover([tiny_scene, "--out", tmp_path / "file" / "below"]))
+
+
+def test_capture_of_another_plan_is_refused(capture: Path, flyover: Command, tiny_scene: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "other.toml"
+    scene.write_text(tiny_scene.read_text().replace("samples = 2", "samples = 3"))
+    before = digests(capture)
+    message = refused(flyover([scene, "--out", capture]))
+    assert "scene.render.samples is 2 there and 3 here" in message
+    assert digests(capture) == before
+
+
+def test_finished_capture_is_left_alone(capture: Path, flyover: Command, tiny_scene: Path) -> None:
+    before = digests(capture)
+    result = flyover([tiny_scene, "--out", capture])
+    assert result.returncode == 0
+    assert "complete already" in result.stdout
+    assert digests(capture) == before
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+def test_interrupted_render_continues_to_the_same_bytes(
+    capture: Path, flyover: Command, tiny_scene: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, str(SCRIPT), str(tiny_scene), "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 120
+        while not (out / "frames" / "000000.png").exists() and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=120)
+    assert process.returncode == 130, stderr
+    assert "same command continues" in stderr
+    assert "Traceback" not in stderr
+    assert not (out / "capture.json").exists()
+    kept = {path: path.stat().st_mtime_ns for path in (out / "frames").iterdir()}
+    assert 1 <= len(kept) < 6
+    (out / "frames" / "000005.png.part").write_bytes(b"half")  # as a power cut would leave it
+    result = flyover([tiny_scene, "--out", out])
+    assert result.returncode == 0, result.stderr
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert digests(out) == digests(capture)
+
+
+@needs_bpy
+def test_arguments_after_two_dashes_as_blender_passes_them(tmp_path: Path) -> None:
+    """What `blender -b -P` does, with the bpy module: bpy is loaded, the command line is Blender's."""
+    code = (
+        f"import bpy, runpy, sys; sys.argv = ['blender', '-b', '-P', 'x.py', '--', 'absent.toml', '--out', 'y'];"
+        f"runpy.run_path({str(SCRIPT)!r}, run_name='__main__')"
+    )
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path, check=False)
+    assert "absent.toml: cannot read" in refused(result)
+
+
+@pytest.mark.skipif(shutil.which("blender") is None, reason="needs a blender binary on the path")
+def test_blender_runs_the_script(tiny_scene: Path, tmp_path: Path) -> None:
+    command = ["blender", "-b", "-P", str(SCRIPT), "--", str(tiny_scene), "--out", str(tmp_path / "out")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "out" / "capture.json").is_file()
+
+
+def test_png_reads_back(tmp_path: Path) -> None:
+    image = np.random.default_rng(0).integers(0, 256, size=(7, 5, 3), dtype=np.uint8)
+    (tmp_path / "x.png").write_bytes(png(image))
+    with Image.open(tmp_path / "x.png") as read:
+        np.testing.assert_array_equal(np.asarray(read), image)
+
+
+def test_srgb_is_the_standard_curve() -> None:
+    linear = np.array([-1.0, 0.0, 0.0031308, 0.18, 0.5, 1.0, 7.0], dtype=np.float32)
+    np.testing.assert_array_equal(srgb_from_linear(linear), [0, 0, 10, 118, 188, 255, 255])
