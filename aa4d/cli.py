@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -29,6 +30,7 @@ DESCRIPTION = (
     "AdaAnchor4D: drone video of moving traffic becomes a 4D scene that you can scrub in Blender. "
     "`aa4d demo` does it all; the other commands are its steps. Every command can be stopped and run again."
 )
+SECONDS_BETWEEN_LINES = 10.0
 console = Console()
 app = tyro.extras.SubcommandApp()
 
@@ -103,6 +105,7 @@ def training_progress() -> Iterator[TrainingBar]:
         TimeRemainingColumn(),
         TextColumn("{task.fields[state]}"),
         console=console,
+        disable=not console.is_terminal,
     ) as bar:
         yield TrainingBar(bar)
 
@@ -112,6 +115,7 @@ class TrainingBar:
 
     def __init__(self, bar: Progress) -> None:
         self._bar = bar
+        self._spoken = time.monotonic()
         self._tasks: dict[str, tuple[TaskID, list[float]]] = {}
 
     def __call__(self, stage: str, iteration: int, total: int, loss: float, psnr_db: float, anchors: int) -> None:
@@ -121,7 +125,15 @@ class TrainingBar:
         recent.append(psnr_db)
         del recent[:-50]
         mean = sum(recent) / len(recent)
-        self._bar.update(task, completed=iteration, state=f"loss {loss:.4f}  psnr {mean:.1f} dB  {anchors} anchors")
+        state = f"loss {loss:.4f}  psnr {mean:.1f} dB  {anchors} anchors"
+        self._bar.update(task, completed=iteration, state=state)
+        # In a log file a bar cannot move: there, a line now and then.
+        now = time.monotonic()
+        if not console.is_terminal and (iteration == total or now - self._spoken >= SECONDS_BETWEEN_LINES):
+            self._spoken = now
+            left = self._bar.tasks[task].time_remaining
+            remaining = "" if left is None else f"  {left:.0f} s left"
+            console.print(f"{stage} {iteration}/{total}  {state}{remaining}", highlight=False, soft_wrap=True)
 
 
 @contextmanager

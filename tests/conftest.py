@@ -1,8 +1,15 @@
 from pathlib import Path
 
 import pytest
+import torch
 
 from tests.toy_capture import write_toy_capture
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_thread() -> None:
+    """Toy problems are too small to share out: a second thread costs them more than it does."""
+    torch.set_num_threads(1)
 
 
 @pytest.fixture

@@ -69,7 +69,7 @@ def test_the_blend_file_opens_on_animated_anchors_without_the_extension(finished
 import os, bpy, numpy as np
 bpy.ops.wm.open_mainfile(filepath={str(out / "flyover.blend")!r})
 scene = bpy.context.scene
-anchors = next(o for o in scene.objects if o.type == "MESH" and not o.hide_render or o.name.endswith("anchors"))
+anchors = next(o for o in scene.objects if o.type == "MESH" and not o.hide_viewport)
 def positions(frame):
     scene.frame_set(frame)
     geometry = anchors.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()

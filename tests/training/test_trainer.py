@@ -17,7 +17,7 @@ from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.model import ModelConfig
 from aa4d.model_file import load_model
-from aa4d.training.config import Decay, Densification, LearningRates, TrainingConfig
+from aa4d.training.config import PRESETS, Decay, Densification, LearningRates, TrainingConfig
 from aa4d.training.trainer import Run, train
 from tests.toy_capture import write_toy_capture
 
@@ -25,6 +25,8 @@ SHORT = TrainingConfig(
     preset="test",
     coarse_iterations=30,
     fine_iterations=40,
+    voxel_px=1.5,
+    rates=PRESETS["quick"].rates,
     densification=Densification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
 )
 
@@ -42,7 +44,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A capture and a run that is long enough to have learned something."""
     folder = tmp_path_factory.mktemp("trained")
     capture = write_toy_capture(folder / "capture")
-    config = replace(SHORT, coarse_iterations=150, fine_iterations=350)
+    config = replace(SHORT, coarse_iterations=150, fine_iterations=400)
     train(read_capture(capture), folder / "run", config, silent)
     return capture, folder / "run"
 
@@ -76,7 +78,7 @@ def test_both_stages_are_files_of_their_own(trained: tuple[Path, Path]) -> None:
 
 def test_a_finished_run_is_left_as_it_is(trained: tuple[Path, Path]) -> None:
     capture, run = trained
-    config = replace(SHORT, coarse_iterations=150, fine_iterations=350)
+    config = replace(SHORT, coarse_iterations=150, fine_iterations=400)
     before = (run / "model.safetensors").stat().st_mtime_ns
     train(read_capture(capture), run, config, never)
     assert (run / "model.safetensors").stat().st_mtime_ns == before
