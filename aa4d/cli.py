@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -30,6 +31,11 @@ DESCRIPTION = (
     "AdaAnchor4D: drone video of moving traffic becomes a 4D scene that you can scrub in Blender. "
     "`aa4d demo` does it all; the other commands are its steps. Every command can be stopped and run again."
 )
+# OpenMP's idle threads spin for milliseconds by default. Where another program wants a core, each of the hundreds of
+# short parallel regions of an iteration then waits for a spinning thread's time slice: up to 8 times slower with two
+# busy cores, and no faster on idle ones. Read when torch is loaded, hence here.
+os.environ.setdefault("GOMP_SPINCOUNT", "2000")
+
 SECONDS_BETWEEN_LINES = 10.0
 console = Console()
 app = tyro.extras.SubcommandApp()
