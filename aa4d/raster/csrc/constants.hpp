@@ -5,10 +5,11 @@ namespace aa4d {
 
 inline constexpr double kDilation = 0.3;        // added to both diagonals of the projected covariance, px^2
 inline constexpr double kMaxAlpha = 0.99;       // keeps 1 - alpha away from zero
-inline constexpr double kMinAlpha = 1.0 / 255;  // a fainter contribution is skipped
-inline constexpr double kMinTransmittance = 1e-4;  // a pixel is finished before it would fall to this
 inline constexpr double kFrustumMargin = 0.3;   // how far outside the image, in half fields of view, J follows x / z
-inline constexpr double kMinQuaternionNorm = 1e-12;
+inline constexpr double kMinQuaternionNorm = 1e-12;  // a shorter quaternion turns less and less: zero, not at all
+inline constexpr double kMinCompensation = 0.005;  // of the antialiased mode
+
+inline constexpr int kMaxFeatures = 32;
 
 inline constexpr int kTileSize = 16;                      // px
 inline constexpr int kTilePixels = kTileSize * kTileSize;

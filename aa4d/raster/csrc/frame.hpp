@@ -7,26 +7,9 @@
 
 #include "buffer.hpp"
 #include "constants.hpp"
+#include "scene.hpp"
 
 namespace aa4d {
-
-struct CameraModel {
-  double rotation[9];  // world to camera, row by row
-  double translation[3];
-  double fx, fy, cx, cy;
-  double near;
-  int width, height;
-};
-
-// What the user passes, as plain arrays.
-struct Scene {
-  std::size_t count = 0;
-  const float* means = nullptr;
-  const float* quaternions = nullptr;
-  const float* scales = nullptr;
-  const float* opacities = nullptr;
-  const float* colors = nullptr;
-};
 
 // A projected Gaussian, in one cache line. With (dx, dy) from its centre to a pixel's centre,
 //   u = l11 dx + l21 dy,  w = l22 dy,  alpha = 2^(log2_opacity - u^2 - w^2):
@@ -43,14 +26,18 @@ struct alignas(64) Splat {
 };
 static_assert(sizeof(Splat) == 64);
 
-// The gradient sums of one Gaussian over the pixels of one tile.
+// The tiles that the box around a splat's ellipse touches: columns [x_begin, x_end), rows likewise; no rows if unseen.
+struct TileBox {
+  std::uint16_t x_begin, x_end, y_begin, y_end;
+};
+
+// The gradient sums of one Gaussian over the pixels of one tile, v being dL/d(ln alpha).
 struct alignas(64) SplatGradient {
   float color[3];
-  float v;                // sum of dL/d(ln alpha)
-  float vu, vw;           // its first moments in (u, w)
-  float vuu, vuw, vww;    // and the second ones
+  float v, vu, vw, vuu, vuw, vww;       // moments of v in the splat's (u, w) frame
   float depth;
-  float unused[6];
+  float absolute_vu, absolute_vy;       // sums of |v u| and of |v (l21 u + l22 w)|
+  float unused[4];
 };
 static_assert(sizeof(SplatGradient) == 64);
 
@@ -60,32 +47,35 @@ struct TileEntry {
   std::uint32_t slot;
 };
 
-// Gaussians are projected in chunks of this size, whatever the number of threads.
-inline constexpr std::size_t kProjectionChunk = 1024;
+// Gaussians are projected in chunks of this size, whatever the number of threads: sums over chunks keep their order.
+inline constexpr std::size_t kChunk = 1024;
 
 struct Frame {
   CameraModel camera;
   std::size_t count = 0;
   int tiles_x = 0, tiles_y = 0;
-  bool with_depth = false;
 
-  Buffer<Splat> splats;                  // [N]
-  Buffer<std::uint32_t> depth_keys;      // [N]
-  Buffer<std::uint32_t> slot_begin;      // [N + 1]: the slots of Gaussian g are [slot_begin[g], slot_begin[g + 1])
-  Buffer<std::uint32_t> tile_begin;      // [tiles + 1]
-  Buffer<TileEntry> entries;             // [pairs of a tile and a Gaussian], tile by tile, near to far
-  Buffer<float> transmittance;           // [tiles * 256], block by block; what is left behind the last contribution
-  Buffer<std::int32_t> stop;             // [tiles * 256]: the place in the tile's list at which the pixel was finished
-  Buffer<std::uint32_t> tile_end;        // [tiles]: how much of the tile's list was looked at
+  Buffer<Splat> splats;               // [N]
+  Buffer<std::uint32_t> slot_begin;   // [N + 1]: the slots of Gaussian g are [slot_begin[g], slot_begin[g + 1])
+  Buffer<std::uint32_t> tile_begin;   // [tiles + 1]
+  Buffer<TileEntry> entries;          // [slots], tile by tile, near to far
+  Buffer<std::uint32_t> tile_end;     // [tiles]: how much of the tile's list was looked at
+  // [tiles * 256], block by block:
+  Buffer<float> transmittance;        // behind the last contribution
+  Buffer<std::int32_t> stop;          // the place in the tile's list at which the pixel was finished
+  Buffer<float> weight;               // sum of the weights; filled when depth was asked for
 
-  // Scratch.
-  std::vector<Buffer<std::uint32_t>> chunk_tiles;  // per chunk of Gaussians: the tiles they touch, one after another
-  Buffer<std::uint32_t> order, order_other;
-  Buffer<std::uint32_t> cursor;
-  Buffer<SplatGradient> gradients;       // [slots]
-  Buffer<double> background_gradient;    // [tiles * 3]
+  // Scratch, of no use once the call that filled it has returned.
+  Buffer<TileBox> boxes;              // [N]
+  std::vector<Buffer<std::uint32_t>> chunk_tiles;  // per chunk: the tiles its Gaussians touch, one after another
+  Buffer<std::uint64_t> order, order_other;        // visible Gaussians: depth in the upper, index in the lower half
+  Buffer<std::uint32_t> histogram;
+  Buffer<SplatGradient> gradients;    // [slots]
+  Buffer<float> feature_gradients;    // [slots, F]
+  Buffer<double> partial_sums;        // per tile or chunk
 
   int tiles() const { return tiles_x * tiles_y; }
+  std::size_t chunks() const { return (count + kChunk - 1) / kChunk; }
 };
 
 struct ReturnToPool {

@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #define AA4D_ARCH avx2
+#define AA4D_ARCH_NAME "avx2"
 
 namespace aa4d::avx2 {
 
@@ -43,6 +44,12 @@ inline float sum(Float a) {
   __m128 s = _mm_add_ps(_mm256_castps256_ps128(a.v), _mm256_extractf128_ps(a.v, 1));
   s = _mm_add_ps(s, _mm_movehl_ps(s, s));
   return _mm_cvtss_f32(_mm_add_ss(s, _mm_movehdup_ps(s)));
+}
+
+// out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0.
+inline void sum_each(const Float (&values)[12], float* out) {
+  for (int k = 0; k < 12; ++k) out[k] = sum(values[k]);
+  for (int k = 12; k < 16; ++k) out[k] = 0;
 }
 
 // 1 / a to the last bit or two.

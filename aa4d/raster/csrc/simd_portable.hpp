@@ -6,6 +6,7 @@
 #include <cstring>
 
 #define AA4D_ARCH portable
+#define AA4D_ARCH_NAME "portable"
 
 namespace aa4d::portable {
 
@@ -52,6 +53,11 @@ inline Float zero_unless(Mask m, Float a) { return Lanes(m.m & IntLanes(a.v)); }
 inline Float negate(Float a) { return -a.v; }
 inline Float abs(Float a) { return Lanes(IntLanes(a.v) & 0x7fffffff); }
 inline float sum(Float a) { return (a.v[0] + a.v[2]) + (a.v[1] + a.v[3]); }
+// out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0.
+inline void sum_each(const Float (&values)[12], float* out) {
+  for (int k = 0; k < 12; ++k) out[k] = sum(values[k]);
+  for (int k = 12; k < 16; ++k) out[k] = 0;
+}
 inline Float reciprocal(Float a) { return 1.0f / a.v; }
 
 // The lanes of p whose integer is above `value`.
