@@ -2,7 +2,7 @@
 // time that their bare arithmetic takes on data that stays in registers or the first cache line.
 #pragma once
 
-#include "splat_in_tile.hpp"
+#include "blend_backward.hpp"
 
 namespace aa4d::AA4D_ARCH {
 
@@ -10,17 +10,21 @@ namespace aa4d::AA4D_ARCH {
 inline std::uint64_t count_pairs(const BackwardTile& tile) {
   const TileList& list = tile.list;
   const Float cutoff(tile.log2_min_alpha);
+  const BlockStops stops(tile.stop);
+  Batch batch;
   std::uint64_t pairs = 0;
-  for (std::uint32_t i = 0; i < list.count; ++i) {
-    const SplatInTile seen(list.splats[list.entries[i].gaussian], list.x, list.y);
-    for (std::uint32_t todo = seen.reached(); todo != 0; todo &= todo - 1) {
-      const int block = __builtin_ctz(todo);
-      for (int k = 0; k < kBlockVectors; ++k) {
-        const Mask adds = (seen.log2_alpha(seen.u(block, k), seen.w(block, k)) >= cutoff) &
-                          above(tile.stop + block * kBlockPixels + k * Float::kWidth, static_cast<std::int32_t>(i));
+  for (std::int64_t done = 0; done < list.count;) {
+    const int taken = batch.fill(list, done, 1, list.count - done, stops);
+    for (const BlockItem* item = batch.items_begin(); item != batch.items_end(); ++item) {
+      const QuarterView& view = batch.view(item->view());
+      const std::int32_t place = static_cast<std::int32_t>(done + batch.entry_of(item->view()));
+      for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
+        const Float exponent = view.log2_alpha(view.u(item->quarter_block(), k), view.w(item->quarter_block(), k));
+        const Mask adds = (exponent >= cutoff) & above(tile.stop + item->block() * kBlockPixels + k, place);
         pairs += __builtin_popcount(bits(adds));
       }
     }
+    done += taken;
   }
   return pairs;
 }

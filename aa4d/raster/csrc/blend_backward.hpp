@@ -12,13 +12,21 @@ namespace aa4d::AA4D_ARCH {
 
 // Where each block's last pixel was finished: nothing behind that place concerns the block.
 struct BlockStops {
-  std::int32_t place[kTileBlocks];
+  alignas(64) std::int32_t place[kTileBlocks];
 
   explicit BlockStops(const std::int32_t* stop) {
     for (int b = 0; b < kTileBlocks; ++b) {
       place[b] = 0;
       for (int p = b * kBlockPixels; p < (b + 1) * kBlockPixels; ++p) place[b] = stop[p] > place[b] ? stop[p] : place[b];
     }
+  }
+
+  std::uint32_t operator()(int quarter, std::int64_t entry) const {
+    std::uint32_t result = 0;
+    for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
+      result |= bits(above(place + quarter * kQuarterBlocks + i, static_cast<std::int32_t>(entry))) << i;
+    }
+    return result;
   }
 };
 
@@ -29,90 +37,90 @@ void backward_tile(const BackwardTile& tile) {
   const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), one(1.0f), zero(0.0f);
   const BlockStops stops(tile.stop);
   alignas(64) float sum_features[kExtras ? kMaxFeatures : 1][Float::kWidth];
+  Batch batch;
 
-  for (std::uint32_t i = list.count; i-- > 0;) {
-    const std::int32_t place = static_cast<std::int32_t>(i);
-    if (i >= kPrefetch) {
-      __builtin_prefetch(&list.splats[list.entries[i - kPrefetch].gaussian]);
-      __builtin_prefetch(&tile.gradients[list.entries[i - kPrefetch].slot], 1);
-    }
-    const std::size_t gaussian = list.entries[i].gaussian, slot = list.entries[i].slot;
-    const Splat& splat = list.splats[gaussian];
-    const SplatInTile seen(splat, list.x, list.y);
-    const Float red(splat.color[0]), green(splat.color[1]), blue(splat.color[2]), depth(splat.depth);
-    Float sum_red = zero, sum_green = zero, sum_blue = zero, sum_depth = zero;
-    Float sum_v = zero, sum_vu = zero, sum_vw = zero, sum_vuu = zero, sum_vuw = zero, sum_vww = zero;
-    Float sum_absolute_vu = zero, sum_absolute_vy = zero;
-    if constexpr (kExtras) {
-      for (int c = 0; c < list.feature_count; ++c) zero.store(sum_features[c]);
-    }
+  for (std::int64_t left = list.count; left > 0;) {
+    const int taken = batch.fill(list, left - 1, -1, left, stops);
+    for (int e = 0; e < taken; ++e) {
+      const std::int32_t place = static_cast<std::int32_t>(left - 1 - e);
+      const std::size_t slot = list.entries[place].slot;
+      Float sum_red = zero, sum_green = zero, sum_blue = zero, sum_depth = zero;
+      Float sum_v = zero, sum_vu = zero, sum_vw = zero, sum_vuu = zero, sum_vuw = zero, sum_vww = zero;
+      Float sum_absolute_vu = zero, sum_absolute_vy = zero;
+      if constexpr (kExtras) {
+        for (int c = 0; c < list.feature_count; ++c) zero.store(sum_features[c]);
+      }
 
-    for (std::uint32_t todo = seen.reached(); todo != 0; todo &= todo - 1) {
-      const int block = __builtin_ctz(todo);
-      if (stops.place[block] <= place) continue;
-      for (int k = 0; k < kBlockVectors; ++k) {
-        const int p = block * kBlockPixels + k * Float::kWidth;
-        const Float u = seen.u(block, k), w = seen.w(block, k);
-        const Float exponent = seen.log2_alpha(u, w);
-        const Float unclamped = exp2_nonpositive(exponent);
-        const Mask adds = (exponent >= cutoff) & above(tile.stop + p, place);
-        const Float alpha = zero_unless(adds, min(unclamped, max_alpha));
+      for (const BlockItem* item = batch.items_begin(e); item != batch.items_end(e); ++item) {
+        const QuarterView& view = batch.view(item->view());
+        for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
+          const int p = item->block() * kBlockPixels + k;
+          const Float u = view.u(item->quarter_block(), k), w = view.w(item->quarter_block(), k);
+          const Float exponent = view.log2_alpha(u, w);
+          const Float unclamped = exp2_nonpositive(exponent);
+          const Mask adds = (exponent >= cutoff) & above(tile.stop + p, place);
+          const Float alpha = zero_unless(adds, min(unclamped, max_alpha));
 
-        const Float inverse = reciprocal(one - alpha);
-        const Float before = Float::load(tile.transmittance + p) * inverse;
-        before.store(tile.transmittance + p);
-        const Float weight = alpha * before;
+          const Float inverse = reciprocal(one - alpha);
+          const Float before = Float::load(tile.transmittance + p) * inverse;
+          before.store(tile.transmittance + p);
+          const Float weight = alpha * before;
 
-        const Float g_red = Float::load(tile.color[0] + p), g_green = Float::load(tile.color[1] + p);
-        const Float g_blue = Float::load(tile.color[2] + p);
-        Float cg = fma(blue, g_blue, fma(green, g_green, red * g_red));
-        sum_red = fma(weight, g_red, sum_red);
-        sum_green = fma(weight, g_green, sum_green);
-        sum_blue = fma(weight, g_blue, sum_blue);
-        if constexpr (kExtras) {
-          if (tile.depth) {
-            const Float g_depth = Float::load(tile.depth + p);
-            cg = fma(depth, g_depth, cg);
-            sum_depth = fma(weight, g_depth, sum_depth);
+          const Float g_red = Float::load(tile.color[0] + p), g_green = Float::load(tile.color[1] + p);
+          const Float g_blue = Float::load(tile.color[2] + p);
+          Float cg = Float(view.color[0]) * g_red;
+          cg = fma(Float(view.color[1]), g_green, cg);
+          cg = fma(Float(view.color[2]), g_blue, cg);
+          sum_red = fma(weight, g_red, sum_red);
+          sum_green = fma(weight, g_green, sum_green);
+          sum_blue = fma(weight, g_blue, sum_blue);
+          if constexpr (kExtras) {
+            if (tile.depth) {
+              const Float g_depth = Float::load(tile.depth + p);
+              cg = fma(Float(view.depth), g_depth, cg);
+              sum_depth = fma(weight, g_depth, sum_depth);
+            }
+            const float* const features = list.features + std::size_t{view.gaussian} * list.feature_count;
+            for (int c = 0; c < list.feature_count; ++c) {
+              const Float g_feature = Float::load(tile.features + c * kTilePixels + p);
+              cg = fma(Float(features[c]), g_feature, cg);
+              accumulate(sum_features[c], weight, g_feature);
+            }
           }
-          for (int c = 0; c < list.feature_count; ++c) {
-            const Float g_feature = Float::load(tile.features + c * kTilePixels + p);
-            cg = fma(Float(list.features[gaussian * list.feature_count + c]), g_feature, cg);
-            accumulate(sum_features[c], weight, g_feature);
-          }
-        }
 
-        const Float behind = Float::load(tile.behind + p);
-        const Float alpha_gradient = fnma(behind, inverse, before * cg);
-        fma(weight, cg, behind).store(tile.behind + p);
+          const Float behind = Float::load(tile.behind + p);
+          const Float alpha_gradient = fnma(behind, inverse, before * cg);
+          fma(weight, cg, behind).store(tile.behind + p);
 
-        // v = dL/d(ln alpha); the clamp at kMaxAlpha passes no gradient.
-        const Float v = zero_unless(unclamped <= max_alpha, alpha * alpha_gradient);
-        const Float vu = v * u, vw = v * w;
-        sum_v = sum_v + v;
-        sum_vu = sum_vu + vu;
-        sum_vw = sum_vw + vw;
-        sum_vuu = fma(vu, u, sum_vuu);
-        sum_vuw = fma(vu, w, sum_vuw);
-        sum_vww = fma(vw, w, sum_vww);
-        if constexpr (kExtras) {
-          if (tile.absolute) {
-            sum_absolute_vu = sum_absolute_vu + abs(vu);
-            sum_absolute_vy = sum_absolute_vy + abs(fma(seen.l21, vu, seen.l22 * vw));
+          // v = dL/d(ln alpha); the clamp at kMaxAlpha passes no gradient.
+          const Float v = zero_unless(unclamped <= max_alpha, alpha * alpha_gradient);
+          const Float vu = v * u, vw = v * w;
+          sum_v = sum_v + v;
+          sum_vu = sum_vu + vu;
+          sum_vw = sum_vw + vw;
+          sum_vuu = fma(vu, u, sum_vuu);
+          sum_vuw = fma(vu, w, sum_vuw);
+          sum_vww = fma(vw, w, sum_vww);
+          if constexpr (kExtras) {
+            if (tile.absolute) {
+              sum_absolute_vu = sum_absolute_vu + abs(vu);
+              sum_absolute_vy = sum_absolute_vy + abs(fma(Float(view.l21), vu, Float(view.l22) * vw));
+            }
           }
         }
       }
-    }
 
-    // In the order of SplatGradient's fields.
-    const Float sums[12] = {sum_red, sum_green, sum_blue, sum_v, sum_vu, sum_vw, sum_vuu, sum_vuw, sum_vww,
-                            sum_depth, sum_absolute_vu, sum_absolute_vy};
-    sum_each(sums, reinterpret_cast<float*>(&tile.gradients[slot]));
-    if constexpr (kExtras) {
-      for (int c = 0; c < list.feature_count; ++c) {
-        tile.feature_gradients[slot * list.feature_count + c] = sum(Float::load(sum_features[c]));
+      // In the order of SplatGradient's fields.
+      const Float sums[12] = {sum_red, sum_green, sum_blue, sum_v,     sum_vu,          sum_vw,
+                              sum_vuu, sum_vuw,   sum_vww,  sum_depth, sum_absolute_vu, sum_absolute_vy};
+      sum_each(sums, reinterpret_cast<float*>(&tile.gradients[slot]));
+      if constexpr (kExtras) {
+        for (int c = 0; c < list.feature_count; ++c) {
+          tile.feature_gradients[slot * list.feature_count + c] = sum(Float::load(sum_features[c]));
+        }
       }
     }
+    left -= taken;
   }
 }
 

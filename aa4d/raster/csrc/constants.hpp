@@ -11,10 +11,14 @@ inline constexpr double kMinCompensation = 0.005;  // of the antialiased mode
 
 inline constexpr int kMaxFeatures = 32;
 
-inline constexpr int kTileSize = 16;                      // px
+// A tile is what one thread draws at a time; its quarters are tested against a Gaussian block by block.
+inline constexpr int kTileSize = 32;     // px
+inline constexpr int kQuarterSize = 16;  // px
+inline constexpr int kBlockSize = 4;     // px
 inline constexpr int kTilePixels = kTileSize * kTileSize;
-inline constexpr int kBlockSize = 4;                      // px; 16 pixels: one AVX-512 register
-inline constexpr int kBlockPixels = kBlockSize * kBlockSize;
-inline constexpr int kTileBlocks = kTilePixels / kBlockPixels;  // 16 as well: one register tests all blocks of a tile
+inline constexpr int kTileQuarters = 4;
+inline constexpr int kQuarterBlocks = 16;  // one AVX-512 register tests all blocks of a quarter
+inline constexpr int kBlockPixels = 16;    // and one holds all pixels of a block
+inline constexpr int kTileBlocks = kTileQuarters * kQuarterBlocks;
 
 }  // namespace aa4d

@@ -26,8 +26,8 @@ struct alignas(64) Splat {
 };
 static_assert(sizeof(Splat) == 64);
 
-// The tiles that the box around a splat's ellipse touches: columns [x_begin, x_end), rows likewise; no rows if unseen.
-struct TileBox {
+// The quarters of tiles that the box around a splat's ellipse touches: columns [x_begin, x_end), rows likewise.
+struct QuarterBox {
   std::uint16_t x_begin, x_end, y_begin, y_end;
 };
 
@@ -41,13 +41,25 @@ struct alignas(64) SplatGradient {
 };
 static_assert(sizeof(SplatGradient) == 64);
 
-// A Gaussian in the depth-ordered list of a tile; `slot` is the place of this pair's gradient.
+// A Gaussian in the depth-ordered list of a tile.
 struct TileEntry {
-  std::uint32_t gaussian;
-  std::uint32_t slot;
+  std::uint32_t gaussian : 28;
+  std::uint32_t quarters : 4;  // one bit for each quarter of the tile that it reaches
+  std::uint32_t slot;          // the place of this pair's gradient
+};
+inline constexpr std::size_t kMaxGaussians = std::size_t{1} << 28;
+
+// The slots of one Gaussian.
+struct SlotRange {
+  std::uint32_t begin, end;
 };
 
-// Gaussians are projected in chunks of this size, whatever the number of threads: sums over chunks keep their order.
+struct TouchedTile {
+  std::uint32_t tile : 28;
+  std::uint32_t quarters : 4;
+};
+
+// Gaussians are worked on in chunks of this size, whatever the number of threads: sums over chunks keep their order.
 inline constexpr std::size_t kChunk = 1024;
 
 struct Frame {
@@ -56,19 +68,21 @@ struct Frame {
   int tiles_x = 0, tiles_y = 0;
 
   Buffer<Splat> splats;               // [N]
-  Buffer<std::uint32_t> slot_begin;   // [N + 1]: the slots of Gaussian g are [slot_begin[g], slot_begin[g + 1])
+  Buffer<SlotRange> slots;            // [N]
   Buffer<std::uint32_t> tile_begin;   // [tiles + 1]
   Buffer<TileEntry> entries;          // [slots], tile by tile, near to far
   Buffer<std::uint32_t> tile_end;     // [tiles]: how much of the tile's list was looked at
-  // [tiles * 256], block by block:
+  // [tiles * 1024], quarter by quarter and block by block:
   Buffer<float> transmittance;        // behind the last contribution
   Buffer<std::int32_t> stop;          // the place in the tile's list at which the pixel was finished
   Buffer<float> weight;               // sum of the weights; filled when depth was asked for
 
   // Scratch, of no use once the call that filled it has returned.
-  Buffer<TileBox> boxes;              // [N]
-  std::vector<Buffer<std::uint32_t>> chunk_tiles;  // per chunk: the tiles its Gaussians touch, one after another
-  Buffer<std::uint64_t> order, order_other;        // visible Gaussians: depth in the upper, index in the lower half
+  Buffer<QuarterBox> boxes;           // [N]
+  Buffer<std::uint32_t> depth_keys;   // [N] bits of the depth, zero for what is not seen
+  Buffer<std::uint64_t> order, order_other;  // seen Gaussians near to far: depth in the upper, index in the lower half
+  Buffer<std::uint32_t> touched_count;       // [seen] how many tiles each of them touches
+  std::vector<Buffer<TouchedTile>> touched;  // per chunk of that order: those tiles, one after another
   Buffer<std::uint32_t> histogram;
   Buffer<SplatGradient> gradients;    // [slots]
   Buffer<float> feature_gradients;    // [slots, F]

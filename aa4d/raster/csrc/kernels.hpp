@@ -1,5 +1,5 @@
-// What the kernels of one instruction set offer, and the plain data they work on. A tile's pixels are stored block by
-// block (4x4 pixels, row by row within a block), so that one AVX-512 register holds one block.
+// What the kernels of one instruction set offer, and the plain data they work on. A tile's pixels are stored quarter by
+// quarter, block by block (4x4 pixels, row by row within a block), so that one AVX-512 register holds one block.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ struct TileList {
   int feature_count;
 };
 
-// Planes have 256 floats; those of features follow one another.
+// Planes have kTilePixels floats; those of features follow one another.
 struct ForwardTile {
   TileList list;
   int pixels_x, pixels_y;      // how much of the tile lies inside the image
@@ -56,8 +56,8 @@ inline constexpr int kPoseSums = 12;  // dL/d(rotation) row by row, dL/d(transla
 
 struct Kernels {
   const char* name;
-  // Fills splats, boxes and radii of the range; false if a Gaussian is not finite, which leaves it out.
-  bool (*project)(const ProjectionRange&, Splat* splats, TileBox* boxes, std::int32_t* radii);
+  // Fills splats, boxes, depth_keys and slots (with none) of the range, and radii; false if a Gaussian is not finite, which leaves it out.
+  bool (*project)(const ProjectionRange&, Frame& frame, std::int32_t* radii);
   // Sums gradients over each Gaussian's slots and carries them to the inputs; `pose` [kPoseSums] may be null.
   void (*project_backward)(const ProjectionRange&, const Frame&, const SceneGradient&, double* pose);
   std::uint32_t (*forward_tile)(const ForwardTile&);  // returns how much of the list was looked at

@@ -125,18 +125,18 @@ struct Projection {
   Doubles undilated_det() const { return cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]; }
 };
 
-// The tiles whose pixel centres lie within `half` of a coordinate, [begin, end) clipped to the image's `pixels`.
-struct TileSpan {
+// The quarters of tiles whose pixel centres lie within `half` of a coordinate, [begin, end) clipped to the image's `pixels`.
+struct QuarterSpan {
   Doubles begin, end;
 
-  TileSpan(Doubles center, Doubles half, int pixels) {
+  QuarterSpan(Doubles center, Doubles half, int pixels) {
     constexpr double kSlack = 0.01;  // px, for the rounding of the blending's own test
     const Doubles low = larger(center - half - kSlack, splat(0.5)), high = smaller(center + half + kSlack, splat(pixels - 0.5));
     const Longs empty = low > high;
-    begin = select(empty, splat(0), round_down((low - 0.5) * (1.0 / kTileSize)));
-    end = select(empty, splat(0), round_down((high - 0.5) * (1.0 / kTileSize)) + 1);
-    // A tile's pixel centres end half a pixel before the next tile's begin: one that `low` has passed is not touched.
-    begin = select(low > begin * kTileSize + (kTileSize - 0.5), begin + 1, begin);
+    begin = select(empty, splat(0), round_down((low - 0.5) * (1.0 / kQuarterSize)));
+    end = select(empty, splat(0), round_down((high - 0.5) * (1.0 / kQuarterSize)) + 1);
+    // A quarter's pixel centres end half a pixel before the next one's begin: one that `low` has passed is not touched.
+    begin = select(low > begin * kQuarterSize + (kQuarterSize - 0.5), begin + 1, begin);
   }
 };
 
@@ -148,7 +148,7 @@ inline bool features_are_finite(const Scene& scene, std::size_t g) {
 }
 
 // False if a Gaussian of the range is not finite; such a one is left out.
-inline bool project(const ProjectionRange& range, Splat* splats, TileBox* boxes, std::int32_t* radii) {
+inline bool project(const ProjectionRange& range, Frame& frame, std::int32_t* radii) {
   const Scene& scene = *range.scene;
   const CameraModel& cam = *range.camera;
   const double log2_min_alpha = log2_positive(splat(range.settings->min_alpha))[0];
@@ -160,25 +160,27 @@ inline bool project(const ProjectionRange& range, Splat* splats, TileBox* boxes,
     const Doubles log2_opacity = log2_positive(select(p.visible, p.opacity * p.compensation, splat(1)));
     const Doubles reach = log2_opacity - log2_min_alpha;
     const Doubles reach2 = kUnwhitening * reach;  // d^T cov^-1 d at the cut-off
-    const TileSpan columns(x, square_root(reach2 * p.cov_xx), cam.width), rows(y, square_root(reach2 * p.cov_yy), cam.height);
+    const QuarterSpan columns(x, square_root(reach2 * p.cov_xx), cam.width), rows(y, square_root(reach2 * p.cov_yy), cam.height);
     const Doubles middle = 0.5 * (p.cov_xx + p.cov_yy), difference = 0.5 * (p.cov_xx - p.cov_yy);
     const Doubles largest = middle + square_root(difference * difference + p.cov_xy * p.cov_xy);
     const Doubles radius = smaller(square_root(reach2 * largest), splat(1e9));
+
+    const Longs seen = p.visible & (columns.begin < columns.end) & (rows.begin < rows.end);
 
     for (int i = 0; i < kLanes && begin + i < range.end; ++i) {
       const std::size_t g = begin + i;
       const bool finite = p.finite[i] && features_are_finite(scene, g);
       all_finite &= finite;
-      if (!finite || !p.visible[i]) {
-        boxes[g] = {};
-        radii[g] = 0;
-        continue;
-      }
-      boxes[g] = {static_cast<std::uint16_t>(columns.begin[i]), static_cast<std::uint16_t>(columns.end[i]),
-                  static_cast<std::uint16_t>(rows.begin[i]), static_cast<std::uint16_t>(rows.end[i])};
+      frame.slots[g] = {0, 0};
+      frame.depth_keys[g] = 0;
+      radii[g] = 0;
+      if (!finite || !seen[i]) continue;
+
+      frame.boxes[g] = {static_cast<std::uint16_t>(columns.begin[i]), static_cast<std::uint16_t>(columns.end[i]),
+                        static_cast<std::uint16_t>(rows.begin[i]), static_cast<std::uint16_t>(rows.end[i])};
       const std::int32_t whole = static_cast<std::int32_t>(radius[i]);
       radii[g] = whole + (whole < radius[i]);
-      Splat& splat = splats[g];
+      Splat& splat = frame.splats[g];
       splat.x = x[i];
       splat.y = y[i];
       splat.l11 = p.l11[i];
@@ -188,6 +190,7 @@ inline bool project(const ProjectionRange& range, Splat* splats, TileBox* boxes,
       splat.reach = static_cast<float>(reach[i]);
       splat.depth = static_cast<float>(p.camera[2][i]);
       for (int k = 0; k < 3; ++k) splat.color[k] = scene.colors[3 * g + k];
+      std::memcpy(&frame.depth_keys[g], &splat.depth, sizeof splat.depth);
     }
   }
   return all_finite;

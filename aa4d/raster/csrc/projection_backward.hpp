@@ -17,8 +17,9 @@ struct SplatSums {
       const std::size_t g = begin + i;
       touched[i] = 0;
       if (g >= end) continue;
-      touched[i] = -static_cast<std::int64_t>(frame.slot_begin[g] != frame.slot_begin[g + 1]);
-      for (std::uint32_t slot = frame.slot_begin[g]; slot < frame.slot_begin[g + 1]; ++slot) {
+      const SlotRange slots = frame.slots[g];
+      touched[i] = -static_cast<std::int64_t>(slots.begin != slots.end);
+      for (std::uint32_t slot = slots.begin; slot < slots.end; ++slot) {
         float fields[kFields];
         std::memcpy(fields, &frame.gradients[slot], sizeof fields);
         for (int k = 0; k < kFields; ++k) sums[i][k] += fields[k];
@@ -149,7 +150,7 @@ inline void project_backward(const ProjectionRange& range, const Frame& frame, c
       if (out.screen_absolute) out.screen_absolute[g] = touched ? static_cast<float>(absolute[i]) : 0.0f;
       for (int k = 0; k < features && out.features; ++k) {
         double sum = 0;
-        for (std::uint32_t slot = frame.slot_begin[g]; slot < frame.slot_begin[g + 1]; ++slot) {
+        for (std::uint32_t slot = frame.slots[g].begin; slot < frame.slots[g].end; ++slot) {
           sum += frame.feature_gradients[static_cast<std::size_t>(slot) * features + k];
         }
         out.features[g * features + k] = static_cast<float>(sum);

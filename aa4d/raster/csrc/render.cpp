@@ -25,10 +25,12 @@ void for_each_pixel(const Frame& frame, std::size_t tile, const Body& body) {
   const int x0 = tile % frame.tiles_x * kTileSize, y0 = tile / frame.tiles_x * kTileSize;
   const int width = std::min(kTileSize, frame.camera.width - x0), height = std::min(kTileSize, frame.camera.height - y0);
   for (int y = 0; y < height; ++y) {
+    const std::size_t row = static_cast<std::size_t>(y0 + y) * frame.camera.width + x0;
     for (int x = 0; x < width; ++x) {
-      const int block = y / kBlockSize * (kTileSize / kBlockSize) + x / kBlockSize;
-      const int place = block * kBlockPixels + y % kBlockSize * kBlockSize + x % kBlockSize;
-      body(place, static_cast<std::size_t>(y0 + y) * frame.camera.width + x0 + x);
+      const int quarter = y / kQuarterSize * 2 + x / kQuarterSize;
+      const int block = y % kQuarterSize / kBlockSize * (kQuarterSize / kBlockSize) + x % kQuarterSize / kBlockSize;
+      const int place = (quarter * kQuarterBlocks + block) * kBlockPixels + y % kBlockSize * kBlockSize + x % kBlockSize;
+      body(place, row + x);
     }
   }
 }
@@ -170,6 +172,7 @@ const Kernels& kernels() {
 
 FramePtr render(const Scene& scene, const CameraModel& camera, const Settings& settings, const Image& image,
                 std::int32_t* radii) {
+  if (scene.count >= kMaxGaussians) throw std::length_error("there are more than 2^28 Gaussians");
   FramePtr frame = acquire_frame();
   frame->camera = camera;
   frame->count = scene.count;
@@ -177,10 +180,12 @@ FramePtr render(const Scene& scene, const CameraModel& camera, const Settings& s
   frame->tiles_y = (camera.height + kTileSize - 1) / kTileSize;
   frame->splats.resize_discarding(scene.count);
   frame->boxes.resize_discarding(scene.count);
+  frame->depth_keys.resize_discarding(scene.count);
+  frame->slots.resize_discarding(scene.count);
   std::atomic<bool> finite = true;
   parallel_for(settings.threads, frame->chunks(), [&](std::size_t chunk) {
     const ProjectionRange range = chunk_range(scene, *frame, settings, chunk);
-    if (!kernels().project(range, frame->splats.data(), frame->boxes.data(), radii)) finite = false;
+    if (!kernels().project(range, *frame, radii)) finite = false;
   });
   if (!finite && !settings.mask_invalid) return nullptr;
   sort_into_tiles(*frame, radii, settings.threads);

@@ -46,6 +46,13 @@ inline float sum(Float a) {
   return _mm_cvtss_f32(_mm_add_ss(s, _mm_movehdup_ps(s)));
 }
 
+// Writes base + i for every bit i of the mask, in order; returns how many. May write up to 16 places.
+inline int append_lanes(std::uint32_t mask, std::uint32_t base, std::uint32_t* out) {
+  int count = 0;
+  for (; mask != 0; mask &= mask - 1) out[count++] = base + __builtin_ctz(mask);
+  return count;
+}
+
 // out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0.
 inline void sum_each(const Float (&values)[12], float* out) {
   for (int k = 0; k < 12; ++k) out[k] = sum(values[k]);

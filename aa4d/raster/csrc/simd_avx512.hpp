@@ -42,6 +42,14 @@ inline Float negate(Float a) { return _mm512_xor_ps(a.v, _mm512_set1_ps(-0.0f));
 inline Float abs(Float a) { return _mm512_abs_ps(a.v); }
 inline float sum(Float a) { return _mm512_reduce_add_ps(a.v); }
 
+// Writes base + i for every bit i of the mask, in order; returns how many. May write up to 16 places.
+inline int append_lanes(std::uint32_t mask, std::uint32_t base, std::uint32_t* out) {
+  const __m512i lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+  const __m512i all = _mm512_add_epi32(lanes, _mm512_set1_epi32(static_cast<int>(base)));
+  _mm512_storeu_si512(out, _mm512_maskz_compress_epi32(static_cast<__mmask16>(mask), all));
+  return __builtin_popcount(mask);
+}
+
 // out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0. Halves are added pairwise while they are
 // interleaved: 9 instructions for four values instead of 8 for each.
 inline void sum_each(const Float (&values)[12], float* out) {

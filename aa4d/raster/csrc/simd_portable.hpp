@@ -53,6 +53,13 @@ inline Float zero_unless(Mask m, Float a) { return Lanes(m.m & IntLanes(a.v)); }
 inline Float negate(Float a) { return -a.v; }
 inline Float abs(Float a) { return Lanes(IntLanes(a.v) & 0x7fffffff); }
 inline float sum(Float a) { return (a.v[0] + a.v[2]) + (a.v[1] + a.v[3]); }
+// Writes base + i for every bit i of the mask, in order; returns how many. May write up to 16 places.
+inline int append_lanes(std::uint32_t mask, std::uint32_t base, std::uint32_t* out) {
+  int count = 0;
+  for (; mask != 0; mask &= mask - 1) out[count++] = base + __builtin_ctz(mask);
+  return count;
+}
+
 // out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0.
 inline void sum_each(const Float (&values)[12], float* out) {
   for (int k = 0; k < 12; ++k) out[k] = sum(values[k]);
