@@ -10,17 +10,16 @@ namespace aa4d::AA4D_ARCH {
 inline std::uint64_t count_pairs(const BackwardTile& tile) {
   const TileList& list = tile.list;
   const Float cutoff(tile.log2_min_alpha);
-  const BlockStops stops(tile.stop);
+  const BlockEnds ends(tile.pixel_end);
   Batch batch;
   std::uint64_t pairs = 0;
   for (std::int64_t done = 0; done < list.count;) {
-    const int taken = batch.fill(list, done, 1, list.count - done, stops);
+    const int taken = batch.fill(list, done, 1, list.count - done, ends);
     for (const BlockItem* item = batch.items_begin(); item != batch.items_end(); ++item) {
       const QuarterView& view = batch.view(item->view());
-      const std::int32_t place = static_cast<std::int32_t>(done + batch.entry_of(item->view()));
       for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
         const Float exponent = view.log2_alpha(view.u(item->quarter_block(), k), view.w(item->quarter_block(), k));
-        const Mask adds = (exponent >= cutoff) & above(tile.stop + item->block() * kBlockPixels + k, place);
+        const Mask adds = (exponent >= cutoff) & above(tile.pixel_end + item->block() * kBlockPixels + k, view.place);
         pairs += __builtin_popcount(bits(adds));
       }
     }
@@ -31,7 +30,7 @@ inline std::uint64_t count_pairs(const BackwardTile& tile) {
 
 // The state of a few blocks of pixels, so that their chains of dependent operations overlap. Small enough for the
 // registers of AVX-512; other instruction sets spill some of it to the first-level cache.
-inline constexpr int kChains = 4;
+inline constexpr int kChains = 3;
 
 struct Chain {
   Float u, w, transmittance, red, green, blue;
@@ -45,7 +44,7 @@ struct Chain {
 inline float forward_arithmetic(std::uint64_t pairs) {
   const Float log2_opacity(-7.0f), du(1e-6f), dw(-1e-6f), max_alpha(static_cast<float>(kMaxAlpha)), zero(0.0f);
   const Float cutoff(-8.0f), min_transmittance(1e-4f), red(0.3f), green(0.4f), blue(0.5f);
-  Chain chains[kChains] = {Chain(0), Chain(1), Chain(2), Chain(3)};
+  Chain chains[kChains] = {Chain(0), Chain(1), Chain(2)};
   for (std::uint64_t done = 0; done < pairs; done += kChains * Float::kWidth) {
     for (Chain& c : chains) {
       c.u = c.u + du;

@@ -26,7 +26,7 @@ class Batch {
   template <class Wanted>
   int fill(const TileList& list, std::int64_t first, int step, std::int64_t count, const Wanted& wanted) {
     constexpr int kPrefetch = 2 * kEntries;  // entries ahead: a tile's list points all over the splats
-    std::uint16_t view_quarter[kViews + kTileQuarters];
+    std::uint16_t view_entry[kViews + kTileQuarters], view_quarter[kViews + kTileQuarters];
     int taken = 0, views = 0;
     for (; taken < count && views + kTileQuarters <= kViews; ++taken) {
       const TileEntry& entry = list.entries[first + taken * step];
@@ -34,22 +34,23 @@ class Batch {
         __builtin_prefetch(&list.splats[list.entries[first + (taken + kPrefetch) * step].gaussian]);
       }
       for (int q = 0; q < kTileQuarters; ++q) {
-        view_entry_[views] = taken;
+        view_entry[views] = taken;
         view_quarter[views] = q;
         views += entry.quarters >> q & 1;
       }
     }
     item_count_ = 0;
     for (int v = 0; v < views; ++v) {
-      const std::int64_t place = first + view_entry_[v] * step;
+      const std::int64_t place = first + view_entry[v] * step;
       const int quarter = view_quarter[v];
       QuarterView& view = views_[v];
+      view.place = static_cast<std::int32_t>(place);
       view.gaussian = list.entries[place].gaussian;
       const std::uint32_t reached = view.look(list.splats[view.gaussian], list.x + quarter % 2 * kQuarterSize,
                                               list.y + quarter / 2 * kQuarterSize);
       item_count_ += append_lanes(reached & wanted(quarter, place), v * kTileBlocks + quarter * kQuarterBlocks,
                                   &items_[item_count_].bits);
-      item_end_[view_entry_[v]] = item_count_;
+      item_end_[view_entry[v]] = item_count_;
     }
     return taken;
   }
@@ -58,12 +59,10 @@ class Batch {
   const BlockItem* items_begin(int entry = 0) const { return items_ + (entry == 0 ? 0 : item_end_[entry - 1]); }
   const BlockItem* items_end(int entry) const { return items_ + item_end_[entry]; }
   const BlockItem* items_end() const { return items_ + item_count_; }
-  int entry_of(int view) const { return view_entry_[view]; }  // among those taken
 
  private:
   QuarterView views_[kViews];
   BlockItem items_[(kViews + 1) * kQuarterBlocks];  // the last row is room for the appending store
-  std::uint16_t view_entry_[kViews + kTileQuarters];
   int item_end_[kEntries];
   int item_count_;
 };

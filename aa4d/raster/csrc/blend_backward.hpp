@@ -10,17 +10,21 @@
 
 namespace aa4d::AA4D_ARCH {
 
-// Where each block's last pixel was finished: nothing behind that place concerns the block.
-struct BlockStops {
+// Where each block's contributions end: nothing from that place on concerns it.
+struct BlockEnds {
   alignas(64) std::int32_t place[kTileBlocks];
+  std::int32_t last = 0;  // of the whole tile
 
-  explicit BlockStops(const std::int32_t* stop) {
+  explicit BlockEnds(const std::int32_t* pixel_end) {
     for (int b = 0; b < kTileBlocks; ++b) {
-      place[b] = 0;
-      for (int p = b * kBlockPixels; p < (b + 1) * kBlockPixels; ++p) place[b] = stop[p] > place[b] ? stop[p] : place[b];
+      std::int32_t end = 0;
+      for (int p = b * kBlockPixels; p < (b + 1) * kBlockPixels; ++p) end = pixel_end[p] > end ? pixel_end[p] : end;
+      place[b] = end;
+      last = end > last ? end : last;
     }
   }
 
+  // The blocks of a quarter that have contributions from an entry on.
   std::uint32_t operator()(int quarter, std::int64_t entry) const {
     std::uint32_t result = 0;
     for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
@@ -32,15 +36,19 @@ struct BlockStops {
 
 // kExtras: whether there is more than the gradient of colour: depth, features, absolute sums.
 template <bool kExtras>
-void backward_tile(const BackwardTile& tile) {
+std::uint32_t backward_tile(const BackwardTile& tile) {
   const TileList& list = tile.list;
   const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), one(1.0f), zero(0.0f);
-  const BlockStops stops(tile.stop);
+  const BlockEnds ends(tile.pixel_end);
   alignas(64) float sum_features[kExtras ? kMaxFeatures : 1][Float::kWidth];
+  // Copies, because the compiler must assume that a store of pixels changes what the tile points to.
+  const float *const g_reds = tile.color[0], *const g_greens = tile.color[1], *const g_blues = tile.color[2];
+  float *const transmittances = tile.transmittance, *const behinds = tile.behind;
+  const std::int32_t* const pixel_ends = tile.pixel_end;
   Batch batch;
 
-  for (std::int64_t left = list.count; left > 0;) {
-    const int taken = batch.fill(list, left - 1, -1, left, stops);
+  for (std::int64_t left = ends.last; left > 0;) {
+    const int taken = batch.fill(list, left - 1, -1, left, ends);
     for (int e = 0; e < taken; ++e) {
       const std::int32_t place = static_cast<std::int32_t>(left - 1 - e);
       const std::size_t slot = list.entries[place].slot;
@@ -58,16 +66,16 @@ void backward_tile(const BackwardTile& tile) {
           const Float u = view.u(item->quarter_block(), k), w = view.w(item->quarter_block(), k);
           const Float exponent = view.log2_alpha(u, w);
           const Float unclamped = exp2_nonpositive(exponent);
-          const Mask adds = (exponent >= cutoff) & above(tile.stop + p, place);
+          const Mask adds = (exponent >= cutoff) & above(pixel_ends + p, place);
           const Float alpha = zero_unless(adds, min(unclamped, max_alpha));
 
           const Float inverse = reciprocal(one - alpha);
-          const Float before = Float::load(tile.transmittance + p) * inverse;
-          before.store(tile.transmittance + p);
+          const Float before = Float::load(transmittances + p) * inverse;
+          before.store(transmittances + p);
           const Float weight = alpha * before;
 
-          const Float g_red = Float::load(tile.color[0] + p), g_green = Float::load(tile.color[1] + p);
-          const Float g_blue = Float::load(tile.color[2] + p);
+          const Float g_red = Float::load(g_reds + p), g_green = Float::load(g_greens + p);
+          const Float g_blue = Float::load(g_blues + p);
           Float cg = Float(view.color[0]) * g_red;
           cg = fma(Float(view.color[1]), g_green, cg);
           cg = fma(Float(view.color[2]), g_blue, cg);
@@ -88,9 +96,9 @@ void backward_tile(const BackwardTile& tile) {
             }
           }
 
-          const Float behind = Float::load(tile.behind + p);
+          const Float behind = Float::load(behinds + p);
           const Float alpha_gradient = fnma(behind, inverse, before * cg);
-          fma(weight, cg, behind).store(tile.behind + p);
+          fma(weight, cg, behind).store(behinds + p);
 
           // v = dL/d(ln alpha); the clamp at kMaxAlpha passes no gradient.
           const Float v = zero_unless(unclamped <= max_alpha, alpha * alpha_gradient);
@@ -122,6 +130,7 @@ void backward_tile(const BackwardTile& tile) {
     }
     left -= taken;
   }
+  return ends.last;
 }
 
 }  // namespace aa4d::AA4D_ARCH

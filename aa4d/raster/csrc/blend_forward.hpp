@@ -21,7 +21,7 @@ inline void accumulate(float* sums, Float weight, Float value) { fma(weight, val
 
 // kExtras: whether depth or features are wanted beside colour.
 template <bool kExtras>
-std::uint32_t forward_tile(const ForwardTile& tile) {
+void forward_tile(const ForwardTile& tile) {
   const TileList& list = tile.list;
   const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), zero(0.0f), one(1.0f);
   const Float min_transmittance(tile.min_transmittance);
@@ -29,27 +29,30 @@ std::uint32_t forward_tile(const ForwardTile& tile) {
   const auto wanted = [&](int quarter, std::int64_t) {
     return static_cast<std::uint32_t>(alive >> (quarter * kQuarterBlocks)) & ((1u << kQuarterBlocks) - 1);
   };
+  // Copies, because the compiler must assume that a store of pixels changes what the tile points to.
+  float *const transmittances = tile.transmittance, *const reds = tile.color[0], *const greens = tile.color[1];
+  float* const blues = tile.color[2];
+  std::int32_t* const pixel_ends = tile.pixel_end;
   Batch batch;
 
-  std::uint32_t done = 0;
-  while (done < list.count && alive != 0) {
+  for (std::int64_t done = 0; done < list.count && alive != 0;) {
     const int taken = batch.fill(list, done, 1, list.count - done, wanted);
     for (const BlockItem* item = batch.items_begin(); item != batch.items_end(); ++item) {
       const QuarterView& view = batch.view(item->view());
-      const int first = item->block() * kBlockPixels;
-      bool finished_some = false;
       for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
-        const int p = first + k;
+        const int p = item->block() * kBlockPixels + k;
         const Float exponent = view.log2_alpha(view.u(item->quarter_block(), k), view.w(item->quarter_block(), k));
         const Float alpha = min(exp2_nonpositive(exponent), max_alpha);
-        const Float before = Float::load(tile.transmittance + p);
-        const Float weight_if = alpha * before, after = before - weight_if;
-        const Mask passes = (exponent >= cutoff) & (before > zero);
-        const Mask finishes = passes & (after <= min_transmittance);
-        const Float weight = zero_unless(and_not(passes, finishes), weight_if);
-        accumulate(tile.color[0] + p, weight, Float(view.color[0]));
-        accumulate(tile.color[1] + p, weight, Float(view.color[1]));
-        accumulate(tile.color[2] + p, weight, Float(view.color[2]));
+        const Float before = Float::load(transmittances + p);
+        const Float weight_if = alpha * before;
+        // A finished pixel's transmittance is negative, which fails the second test too.
+        const Mask passes = exponent >= cutoff, adds = passes & (before - weight_if > min_transmittance);
+        const Float weight = zero_unless(adds, weight_if);
+        negative_where(and_not(passes, adds), before - weight).store(transmittances + p);
+        store_where(adds, pixel_ends + p, view.place + 1);
+        accumulate(reds + p, weight, Float(view.color[0]));
+        accumulate(greens + p, weight, Float(view.color[1]));
+        accumulate(blues + p, weight, Float(view.color[2]));
         if constexpr (kExtras) {
           if (tile.depth) {
             accumulate(tile.depth + p, weight, Float(view.depth));
@@ -60,25 +63,18 @@ std::uint32_t forward_tile(const ForwardTile& tile) {
             accumulate(tile.features + c * kTilePixels + p, weight, Float(features[c]));
           }
         }
-        Float transmittance = before - weight;
-        if (any(finishes)) {
-          transmittance = select(finishes, negate(before), transmittance);
-          store_where(finishes, tile.stop + p, static_cast<std::int32_t>(done + batch.entry_of(item->view())));
-          finished_some = true;
-        }
-        transmittance.store(tile.transmittance + p);
-      }
-      if (finished_some) {
-        bool any_left = false;
-        for (int p = first; p < first + kBlockPixels; p += Float::kWidth) {
-          any_left |= any(Float::load(tile.transmittance + p) > zero);
-        }
-        if (!any_left) alive &= ~(std::uint64_t{1} << item->block());
       }
     }
     done += taken;
+    for (std::uint64_t rest = alive; rest != 0; rest &= rest - 1) {
+      const int block = __builtin_ctzll(rest);
+      bool any_left = false;
+      for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
+        any_left |= any(Float::load(transmittances + block * kBlockPixels + k) > zero);
+      }
+      alive &= ~(static_cast<std::uint64_t>(!any_left) << block);
+    }
   }
-  return done;
 }
 
 }  // namespace aa4d::AA4D_ARCH

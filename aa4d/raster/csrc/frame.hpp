@@ -71,10 +71,9 @@ struct Frame {
   Buffer<SlotRange> slots;            // [N]
   Buffer<std::uint32_t> tile_begin;   // [tiles + 1]
   Buffer<TileEntry> entries;          // [slots], tile by tile, near to far
-  Buffer<std::uint32_t> tile_end;     // [tiles]: how much of the tile's list was looked at
   // [tiles * 1024], quarter by quarter and block by block:
   Buffer<float> transmittance;        // behind the last contribution
-  Buffer<std::int32_t> stop;          // the place in the tile's list at which the pixel was finished
+  Buffer<std::int32_t> pixel_end;     // one past the place in the tile's list of the last contribution
   Buffer<float> weight;               // sum of the weights; filled when depth was asked for
 
   // Scratch, of no use once the call that filled it has returned.

@@ -9,12 +9,12 @@
 
 namespace aa4d::AA4D_ARCH {
 
-inline std::uint32_t forward(const ForwardTile& tile) {
-  return tile.depth || tile.list.feature_count ? forward_tile<true>(tile) : forward_tile<false>(tile);
+inline void forward(const ForwardTile& tile) {
+  tile.depth || tile.list.feature_count ? forward_tile<true>(tile) : forward_tile<false>(tile);
 }
 
-inline void backward(const BackwardTile& tile) {
-  tile.depth || tile.list.feature_count || tile.absolute ? backward_tile<true>(tile) : backward_tile<false>(tile);
+inline std::uint32_t backward(const BackwardTile& tile) {
+  return tile.depth || tile.list.feature_count || tile.absolute ? backward_tile<true>(tile) : backward_tile<false>(tile);
 }
 
 inline constexpr Kernels kKernels = {

@@ -22,8 +22,8 @@ struct ForwardTile {
   TileList list;
   int pixels_x, pixels_y;      // how much of the tile lies inside the image
   float log2_min_alpha, min_transmittance;
-  float* transmittance;        // in: one; out: what is left, negative where the pixel was finished early
-  std::int32_t* stop;          // out, for finished pixels
+  float* transmittance;        // in: one (zero outside the image); out: what is left, negative where finished early
+  std::int32_t* pixel_end;     // in: zero; out: one past the place of the last contribution
   float* color[3];             // in: zero, as all that follow
   float* depth;                // sum of w z; null when it is not wanted
   float* weight;               // sum of w; null when depth is
@@ -33,7 +33,7 @@ struct ForwardTile {
 struct BackwardTile {
   TileList list;
   float log2_min_alpha;
-  const std::int32_t* stop;
+  const std::int32_t* pixel_end;
   const float* color[3];       // dL/d(sum of w c)
   const float* depth;          // dL/d(sum of w z); null when there is none
   const float* features;       // [F] planes
@@ -60,8 +60,8 @@ struct Kernels {
   bool (*project)(const ProjectionRange&, Frame& frame, std::int32_t* radii);
   // Sums gradients over each Gaussian's slots and carries them to the inputs; `pose` [kPoseSums] may be null.
   void (*project_backward)(const ProjectionRange&, const Frame&, const SceneGradient&, double* pose);
-  std::uint32_t (*forward_tile)(const ForwardTile&);  // returns how much of the list was looked at
-  void (*backward_tile)(const BackwardTile&);
+  void (*forward_tile)(const ForwardTile&);
+  std::uint32_t (*backward_tile)(const BackwardTile&);  // returns the place in the list from which on nothing was added
   // For the benchmark: the contributions of a tile that was rendered before, and the pure arithmetic of contributions.
   std::uint64_t (*count_pairs)(const BackwardTile&);
   float (*forward_arithmetic)(std::uint64_t pairs);

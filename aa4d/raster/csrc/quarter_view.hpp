@@ -31,6 +31,7 @@ struct alignas(64) QuarterView {
   float u_block[kQuarterBlocks], w_block[kQuarterBlocks];  // of every block's first pixel
   float log2_opacity, color[3], depth, l21, l22;
   std::uint32_t gaussian;
+  std::int32_t place;  // in the tile's list
 
   // `x`, `y`: the quarter's first pixel. Returns one bit for each block; no pixel of the others passes the cut-off.
   std::uint32_t look(const Splat& splat, int x, int y) {

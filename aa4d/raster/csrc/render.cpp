@@ -4,7 +4,6 @@
 #include <atomic>
 #include <cmath>
 #include <cstdlib>
-#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -52,14 +51,10 @@ void draw_tile(const Scene& scene, const Settings& settings, Frame& frame, std::
   std::fill_n(features, scene.feature_count, Plane{});
   float* const transmittance = frame.transmittance.data() + tile * kTilePixels;
   float* const weight = image.depth ? frame.weight.data() + tile * kTilePixels : nullptr;
-  std::int32_t* const stop = frame.stop.data() + tile * kTilePixels;
   std::fill_n(transmittance, kTilePixels, 0.0f);  // outside the image nothing is ever added
-  std::fill_n(stop, kTilePixels, 0);
+  std::fill_n(frame.pixel_end.data() + tile * kTilePixels, kTilePixels, 0);
   if (weight) std::fill_n(weight, kTilePixels, 0.0f);
-  for_each_pixel(frame, tile, [&](int place, std::size_t) {
-    transmittance[place] = 1;
-    stop[place] = std::numeric_limits<std::int32_t>::max();
-  });
+  for_each_pixel(frame, tile, [&](int place, std::size_t) { transmittance[place] = 1; });
   ForwardTile work;
   work.list = list_of(scene, frame, tile);
   work.pixels_x = frame.camera.width - work.list.x;
@@ -67,12 +62,12 @@ void draw_tile(const Scene& scene, const Settings& settings, Frame& frame, std::
   work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
   work.min_transmittance = static_cast<float>(settings.min_transmittance);
   work.transmittance = transmittance;
-  work.stop = stop;
+  work.pixel_end = frame.pixel_end.data() + tile * kTilePixels;
   for (int k = 0; k < 3; ++k) work.color[k] = color[k].pixel;
   work.depth = image.depth ? depth.pixel : nullptr;
   work.weight = weight;
   work.features = features[0].pixel;
-  frame.tile_end[tile] = kernels().forward_tile(work);
+  kernels().forward_tile(work);
 
   for_each_pixel(frame, tile, [&](int place, std::size_t pixel) {
     const float left = std::fabs(transmittance[place]);
@@ -116,10 +111,9 @@ void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, s
 
   BackwardTile work;
   work.list = list_of(scene, frame, tile);
-  work.list.count = frame.tile_end[tile];
   work.list.feature_count = feature_count;
   work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
-  work.stop = frame.stop.data() + tile * kTilePixels;
+  work.pixel_end = frame.pixel_end.data() + tile * kTilePixels;
   for (int k = 0; k < 3; ++k) work.color[k] = color[k].pixel;
   work.depth = image.depth ? depth.pixel : nullptr;
   work.features = features[0].pixel;
@@ -128,10 +122,9 @@ void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, s
   work.absolute = absolute;
   work.gradients = frame.gradients.data();
   work.feature_gradients = frame.feature_gradients.data();
-  kernels().backward_tile(work);
+  const std::uint32_t end = kernels().backward_tile(work);
 
-  // What lies behind the last unfinished pixel was never looked at.
-  for (std::uint32_t place = frame.tile_begin[tile] + work.list.count; place < frame.tile_begin[tile + 1]; ++place) {
+  for (std::uint32_t place = frame.tile_begin[tile] + end; place < frame.tile_begin[tile + 1]; ++place) {
     const std::size_t slot = frame.entries[place].slot;
     frame.gradients[slot] = SplatGradient{};
     std::fill_n(frame.feature_gradients.data() + slot * feature_count, feature_count, 0.0f);
@@ -192,9 +185,8 @@ FramePtr render(const Scene& scene, const CameraModel& camera, const Settings& s
 
   const std::size_t tiles = frame->tiles();
   frame->transmittance.resize_discarding(tiles * kTilePixels);
-  frame->stop.resize_discarding(tiles * kTilePixels);
+  frame->pixel_end.resize_discarding(tiles * kTilePixels);
   if (image.depth) frame->weight.resize_discarding(tiles * kTilePixels);
-  frame->tile_end.resize_discarding(tiles);
   parallel_for(settings.threads, tiles,
                [&](std::size_t tile) { draw_tile(scene, settings, *frame, tile, image); });
   return frame;
@@ -230,9 +222,8 @@ std::uint64_t count_pairs(const Settings& settings, const Frame& frame) {
   for (std::size_t tile = 0; tile < static_cast<std::size_t>(frame.tiles()); ++tile) {
     BackwardTile work{};
     work.list = list_of(Scene{}, frame, tile);
-    work.list.count = frame.tile_end[tile];
-    work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
-    work.stop = frame.stop.data() + tile * kTilePixels;
+      work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
+    work.pixel_end = frame.pixel_end.data() + tile * kTilePixels;
     pairs += kernels().count_pairs(work);
   }
   return pairs;

@@ -38,7 +38,7 @@ inline bool any(Mask a) { return _mm256_movemask_ps(a.m) != 0; }
 inline std::uint32_t bits(Mask a) { return static_cast<std::uint32_t>(_mm256_movemask_ps(a.m)); }
 inline Float select(Mask m, Float a, Float b) { return _mm256_blendv_ps(b.v, a.v, m.m); }
 inline Float zero_unless(Mask m, Float a) { return _mm256_and_ps(m.m, a.v); }
-inline Float negate(Float a) { return _mm256_xor_ps(a.v, _mm256_set1_ps(-0.0f)); }
+inline Float negative_where(Mask m, Float a) { return _mm256_or_ps(a.v, _mm256_and_ps(m.m, _mm256_set1_ps(-0.0f))); }
 inline Float abs(Float a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), a.v); }
 inline float sum(Float a) {
   __m128 s = _mm_add_ps(_mm256_castps256_ps128(a.v), _mm256_extractf128_ps(a.v, 1));

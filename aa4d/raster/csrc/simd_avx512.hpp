@@ -38,7 +38,7 @@ inline bool any(Mask a) { return a.m != 0; }
 inline std::uint32_t bits(Mask a) { return a.m; }
 inline Float select(Mask m, Float a, Float b) { return _mm512_mask_blend_ps(m.m, b.v, a.v); }
 inline Float zero_unless(Mask m, Float a) { return _mm512_maskz_mov_ps(m.m, a.v); }
-inline Float negate(Float a) { return _mm512_xor_ps(a.v, _mm512_set1_ps(-0.0f)); }
+inline Float negative_where(Mask m, Float a) { return _mm512_mask_or_ps(a.v, m.m, a.v, _mm512_set1_ps(-0.0f)); }
 inline Float abs(Float a) { return _mm512_abs_ps(a.v); }
 inline float sum(Float a) { return _mm512_reduce_add_ps(a.v); }
 

@@ -50,7 +50,7 @@ inline std::uint32_t bits(Mask a) {
 inline bool any(Mask a) { return (a.m[0] | a.m[1] | a.m[2] | a.m[3]) != 0; }
 inline Float select(Mask m, Float a, Float b) { return m.m ? a.v : b.v; }
 inline Float zero_unless(Mask m, Float a) { return Lanes(m.m & IntLanes(a.v)); }
-inline Float negate(Float a) { return -a.v; }
+inline Float negative_where(Mask m, Float a) { return Lanes(IntLanes(a.v) | (m.m & IntLanes(Lanes{-0.0f, -0.0f, -0.0f, -0.0f}))); }
 inline Float abs(Float a) { return Lanes(IntLanes(a.v) & 0x7fffffff); }
 inline float sum(Float a) { return (a.v[0] + a.v[2]) + (a.v[1] + a.v[3]); }
 // Writes base + i for every bit i of the mask, in order; returns how many. May write up to 16 places.
