@@ -153,7 +153,10 @@ def _table(rows: Sequence[Row]) -> Table:
         ("forward", lambda row: f"{row.forward_ms:.1f} ({row.forward_median_ms:.1f})"),
         ("backward", lambda row: f"{row.backward_ms:.1f} ({row.backward_median_ms:.1f})"),
         ("pairs", lambda row: f"{row.pairs / 1e6:.1f} M"),
-        ("G pairs/s", lambda row: f"{row.pairs_per_second_forward / 1e9:.2f} / {row.pairs_per_second_backward / 1e9:.2f}"),
+        (
+            "G pairs/s",
+            lambda row: f"{row.pairs_per_second_forward / 1e9:.2f} / {row.pairs_per_second_backward / 1e9:.2f}",
+        ),
         ("of bound", lambda row: f"{row.bound_fraction_forward:.2f} / {row.bound_fraction_backward:.2f}"),
         ("threads", lambda row: "" if row.thread_speedup is None else f"x{row.thread_speedup:.2f}"),
         ("reference", lambda row: "" if row.reference_ratio is None else f"x{row.reference_ratio:.0f}"),
@@ -168,7 +171,9 @@ def _table(rows: Sequence[Row]) -> Table:
 
 def _time(gaussians: Gaussians, camera: Camera, backend: str, repeats: int) -> tuple[list[float], list[float]]:
     """Seconds of each forward and each backward pass through the public interface; the first pair is not counted."""
-    inputs = Gaussians(*(None if value is None else value.clone().requires_grad_() for value in vars(gaussians).values()))
+    inputs = Gaussians(
+        *(None if value is None else value.clone().requires_grad_() for value in vars(gaussians).values())
+    )
     weights = torch.randn(camera.height, camera.width, 3, generator=torch.Generator().manual_seed(1))
     background = torch.zeros(3)
     forward, backward = [], []

@@ -53,11 +53,11 @@ def random_gaussians(count: int, seed: int = 0, size: float = 0.15, features: in
 
 
 def one_gaussian(**changes: Any) -> Gaussians:
-    """A round grey Gaussian four units in front of `straight_camera()`; a change may be a list of rows."""
+    """A plain Gaussian four units in front of `straight_camera()`; a change may be a list of rows."""
     values: dict[str, Any] = {
         "means": [[0.1, -0.2, 4.0]],
-        "quaternions": [[1.0, 0.0, 0.0, 0.0]],
-        "scales": [[0.3, 0.3, 0.3]],
+        "quaternions": [[0.9, 0.1, -0.3, 0.2]],
+        "scales": [[0.3, 0.2, 0.4]],
         "opacities": [0.5],
         "colors": [[0.2, 0.4, 0.6]],
     } | changes

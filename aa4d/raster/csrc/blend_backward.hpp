@@ -85,7 +85,7 @@ std::uint32_t backward_tile(const BackwardTile& tile) {
           if constexpr (kExtras) {
             if (tile.depth) {
               const Float g_depth = Float::load(tile.depth + p);
-              cg = fma(Float(view.depth), g_depth, cg);
+              cg = fma(Float(view.depth) - Float::load(tile.depth_value + p), g_depth, cg);
               sum_depth = fma(weight, g_depth, sum_depth);
             }
             const float* const features = list.features + std::size_t{view.gaussian} * list.feature_count;

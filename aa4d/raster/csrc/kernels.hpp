@@ -35,7 +35,8 @@ struct BackwardTile {
   float log2_min_alpha;
   const std::int32_t* pixel_end;
   const float* color[3];       // dL/d(sum of w c)
-  const float* depth;          // dL/d(sum of w z); null when there is none
+  const float* depth;          // dL/d(sum of w (z - depth_value)); null when there is none
+  const float* depth_value;    // the depth that was rendered
   const float* features;       // [F] planes
   float* transmittance;        // in: behind the last contribution
   float* behind;               // in: dL/d(ln transmittance) of what lies behind everything

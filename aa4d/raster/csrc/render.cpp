@@ -84,20 +84,19 @@ void draw_tile(const Scene& scene, const Settings& settings, Frame& frame, std::
 void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, std::size_t tile,
                    const ImageGradient& image, bool absolute) {
   const int feature_count = image.features ? scene.feature_count : 0;
-  Plane color[3] = {}, depth = {}, behind = {}, transmittance = {}, features[kMaxFeatures];
+  Plane color[3] = {}, depth = {}, depth_value = {}, behind = {}, transmittance = {}, features[kMaxFeatures];
   std::fill_n(features, feature_count, Plane{});
   double background[3] = {};
   for_each_pixel(frame, tile, [&](int place, std::size_t pixel) {
     const float left = frame.transmittance[tile * kTilePixels + place];
-    float alpha_gradient = image.alpha ? image.alpha[pixel] : 0;
     if (image.depth) {
-      // depth = sum(w z) / sum(w), and the gradient of sum(w) is that of alpha.
+      // d(sum(w z) / sum(w)) = sum((z - depth) dw + w dz) / sum(w)
       const float weight = frame.weight[tile * kTilePixels + place];
       depth.pixel[place] = weight > 0 ? image.depth[pixel] / weight : 0;
-      alpha_gradient -= depth.pixel[place] * image.depth_value[pixel];
+      depth_value.pixel[place] = image.depth_value[pixel];
     }
     for (int k = 0; k < feature_count; ++k) features[k].pixel[place] = image.features[pixel * feature_count + k];
-    float sum = -alpha_gradient;
+    float sum = image.alpha ? -image.alpha[pixel] : 0;
     for (int k = 0; k < 3; ++k) {
       const float g = image.color ? image.color[3 * pixel + k] : 0;
       color[k].pixel[place] = g;
@@ -116,6 +115,7 @@ void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, s
   work.pixel_end = frame.pixel_end.data() + tile * kTilePixels;
   for (int k = 0; k < 3; ++k) work.color[k] = color[k].pixel;
   work.depth = image.depth ? depth.pixel : nullptr;
+  work.depth_value = depth_value.pixel;
   work.features = features[0].pixel;
   work.transmittance = transmittance.pixel;
   work.behind = behind.pixel;
