@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 #include <stdexcept>
 #include <utility>
 
+#include "kernels.hpp"
 #include "thread_pool.hpp"
 
 namespace aa4d {
@@ -53,64 +53,29 @@ void sort_by_depth(Frame& frame) {
   if (from != frame.order.data()) std::copy_n(from, seen, frame.order.data());
 }
 
-// Columns of quarters, [begin, end).
-struct Columns {
-  int begin, end;
-};
-
-// The quarters that a splat's ellipse u^2 + w^2 <= reach comes near, row by row. Exact, since the part of an ellipse
-// within a horizontal band is convex. With w = l22 dy and u = l11 dx + l21 dy, the ellipse spans
-//   dx = (-l21 dy -+ sqrt(reach - w^2)) / l11  at a given dy.
-class EllipseRows {
- public:
-  EllipseRows(const Splat& splat, const QuarterBox& box, const CameraModel& camera)
-      : splat_(splat), box_(box), last_line_(camera.height - kFirst), last_column_(camera.width - kFirst),
-        half_height_(std::sqrt(splat.reach) / splat.l22 + kSlack), slope_(-splat.l21 / splat.l11) {
-    rightmost_ = -splat.l21 / splat.l22 * std::sqrt(splat.reach / (splat.l21 * splat.l21 + splat.l22 * splat.l22));
-  }
-
-  Columns columns(int row) const {
-    Columns result = {box_.x_begin, box_.x_end};
-    if (row < box_.y_begin || row >= box_.y_end) return {0, 0};
-    const double top = row * kQuarterSize + kFirst, bottom = std::min(top + kQuarterSize - 1, last_line_);
-    // A row that holds the whole height of the ellipse holds its whole width, which is the box's.
-    if (splat_.y - half_height_ >= top && splat_.y + half_height_ <= bottom) return result;
-    const double low = top - splat_.y - kSlack, high = bottom - splat_.y + kSlack;
-    const double left = splat_.x - kSlack + edge(std::clamp(-rightmost_, low, high), -1);
-    const double right = splat_.x + kSlack + edge(std::clamp(rightmost_, low, high), 1);
-    if (right < kFirst || left > last_column_) return {0, 0};
-    while (result.begin < result.end && left > result.begin * kQuarterSize + kQuarterSize - kFirst) ++result.begin;
-    while (result.begin < result.end && right < (result.end - 1) * kQuarterSize + kFirst) --result.end;
-    return result;
-  }
-
- private:
-  static constexpr double kFirst = 0.5;   // pixel centres, from a quarter's edge
-  static constexpr double kSlack = 0.01;  // px, for the rounding of the blending's own test
-
-  double edge(double dy, int side) const {
-    const double w = splat_.l22 * dy;
-    return slope_ * dy + side * std::sqrt(std::max(0.0, splat_.reach - w * w)) / splat_.l11;
-  }
-
-  const Splat& splat_;
-  const QuarterBox& box_;
-  double last_line_, last_column_, half_height_, slope_;
-  double rightmost_;  // dy of the ellipse's rightmost point; its leftmost lies opposite
-};
+// The bits of a group's quarters in rows or columns [begin, end) of it, where `unit` is one row or column.
+std::uint32_t lines(int begin, int end, std::uint32_t unit, int shift) {
+  std::uint32_t result = 0;
+  for (int i = std::max(begin, 0); i < std::min(end, 4); ++i) result |= unit << (shift * i);
+  return result;
+}
 
 void append_tiles(const Frame& frame, std::size_t g, Buffer<TouchedTile>& touched) {
   static_assert(kTileSize == 2 * kQuarterSize);
   const QuarterBox& box = frame.boxes[g];
-  const EllipseRows rows(frame.splats[g], box, frame.camera);
-  for (int y = box.y_begin / 2; y < (box.y_end + 1) / 2; ++y) {
-    const Columns upper = rows.columns(2 * y), lower = rows.columns(2 * y + 1);
-    const auto quarters = [](Columns c, int x) -> unsigned {
-      return (c.begin <= 2 * x && 2 * x < c.end) | (c.begin <= 2 * x + 1 && 2 * x + 1 < c.end) << 1;
-    };
-    for (int x = box.x_begin / 2; x < (box.x_end + 1) / 2; ++x) {
-      const unsigned reached = quarters(upper, x) | quarters(lower, x) << 2;
-      if (reached) touched.push_back({static_cast<std::uint32_t>(y * frame.tiles_x + x), reached});
+  const auto test = kernels().touched_quarters;
+  for (int row = box.y_begin & ~1; row < box.y_end; row += 4) {
+    for (int column = box.x_begin & ~1; column < box.x_end; column += 4) {
+      const std::uint32_t in_box = lines(box.x_begin - column, box.x_end - column, 0x1111, 1) &
+                                   lines(box.y_begin - row, box.y_end - row, 0x000f, 4);
+      const std::uint32_t group = in_box & test(frame.splats[g], frame.camera, column, row);
+      for (int tile = 0; tile < 4; ++tile) {
+        const std::uint32_t bits = group >> (tile / 2 * 8 + tile % 2 * 2);
+        const std::uint32_t quarters = (bits & 3) | (bits >> 4 & 3) << 2;
+        if (quarters == 0) continue;
+        const int x = column / 2 + tile % 2, y = row / 2 + tile / 2;
+        touched.push_back({static_cast<std::uint32_t>(y * frame.tiles_x + x), quarters});
+      }
     }
   }
 }

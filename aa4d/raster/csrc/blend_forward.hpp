@@ -10,8 +10,8 @@ inline std::uint64_t blocks_inside(int pixels_x, int pixels_y) {
   std::uint64_t result = 0;
   for (int b = 0; b < kTileBlocks; ++b) {
     const int quarter = b / kQuarterBlocks;
-    const float x = kGrid.x[b % kQuarterBlocks] + quarter % 2 * kQuarterSize;
-    const float y = kGrid.y[b % kQuarterBlocks] + quarter / 2 * kQuarterSize;
+    const float x = kGrid.block_x[b % kQuarterBlocks] + quarter % 2 * kQuarterSize;
+    const float y = kGrid.block_y[b % kQuarterBlocks] + quarter / 2 * kQuarterSize;
     result |= static_cast<std::uint64_t>(x < pixels_x && y < pixels_y) << b;
   }
   return result;

@@ -19,6 +19,7 @@ inline constexpr int kTilePixels = kTileSize * kTileSize;
 inline constexpr int kTileQuarters = 4;
 inline constexpr int kQuarterBlocks = 16;  // one AVX-512 register tests all blocks of a quarter
 inline constexpr int kBlockPixels = 16;    // and one holds all pixels of a block
+inline constexpr int kGroupQuarters = 16;  // and one tests 2x2 tiles quarter by quarter
 inline constexpr int kTileBlocks = kTileQuarters * kQuarterBlocks;
 
 }  // namespace aa4d

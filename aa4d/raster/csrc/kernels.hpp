@@ -59,6 +59,8 @@ struct Kernels {
   const char* name;
   // Fills splats, boxes, depth_keys and slots (with none) of the range, and radii; false if a Gaussian is not finite, which leaves it out.
   bool (*project)(const ProjectionRange&, Frame& frame, std::int32_t* radii);
+  // The quarters of a group of 4x4, whose first one is given, that a splat touches: one bit each, row by row.
+  std::uint32_t (*touched_quarters)(const Splat&, const CameraModel&, int column, int row);
   // Sums gradients over each Gaussian's slots and carries them to the inputs; `pose` [kPoseSums] may be null.
   void (*project_backward)(const ProjectionRange&, const Frame&, const SceneGradient&, double* pose);
   void (*forward_tile)(const ForwardTile&);

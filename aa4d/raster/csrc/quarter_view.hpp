@@ -1,30 +1,11 @@
 // A splat seen from one quarter of a tile: which blocks of pixels it can reach, and where they lie in its (u, w) frame.
 #pragma once
 
+#include "ellipse.hpp"
+#include "grid.hpp"
 #include "kernels.hpp"
-#include "simd.hpp"
 
 namespace aa4d::AA4D_ARCH {
-
-struct BlockGrid {
-  alignas(64) float x[kQuarterBlocks], y[kQuarterBlocks];  // centre of a block's first pixel, from the quarter's corner
-  alignas(64) float px[kBlockPixels], py[kBlockPixels];    // offset of a block's pixels from its first one
-};
-
-inline constexpr BlockGrid make_block_grid() {
-  constexpr int kAcross = kQuarterSize / kBlockSize;
-  BlockGrid grid{};
-  for (int i = 0; i < kQuarterBlocks; ++i) {
-    grid.x[i] = kBlockSize * (i % kAcross) + 0.5f;
-    grid.y[i] = kBlockSize * (i / kAcross) + 0.5f;
-  }
-  for (int i = 0; i < kBlockPixels; ++i) {
-    grid.px[i] = i % kBlockSize;
-    grid.py[i] = i / kBlockSize;
-  }
-  return grid;
-}
-inline constexpr BlockGrid kGrid = make_block_grid();
 
 struct alignas(64) QuarterView {
   float u_pixel[kBlockPixels], w_pixel[kBlockPixels];      // of a block's pixels, from its first one
@@ -45,12 +26,12 @@ struct alignas(64) QuarterView {
     const Float a(static_cast<float>(splat.l11)), b(l21), c(l22);
     const Float u0(static_cast<float>(splat.l11 * dx + splat.l21 * dy)), w0(static_cast<float>(splat.l22 * dy));
     for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
-      const Float block_x = Float::load(kGrid.x + i), block_y = Float::load(kGrid.y + i);
+      const Float block_x = Float::load(kGrid.block_x + i), block_y = Float::load(kGrid.block_y + i);
       fma(a, block_x, fma(b, block_y, u0)).store(u_block + i);
       fma(c, block_y, w0).store(w_block + i);
     }
     for (int i = 0; i < kBlockPixels; i += Float::kWidth) {
-      const Float px = Float::load(kGrid.px + i), py = Float::load(kGrid.py + i);
+      const Float px = Float::load(kGrid.column + i), py = Float::load(kGrid.row + i);
       fma(a, px, b * py).store(u_pixel + i);
       (c * py).store(w_pixel + i);
     }
@@ -69,23 +50,13 @@ struct alignas(64) QuarterView {
   Float log2_alpha(Float u, Float w) const { return fnma(w, w, fnma(u, u, Float(log2_opacity))); }
 
  private:
-  // The smallest u^2 + w^2 over a block's rectangle of pixel centres lies on a side that faces the splat's centre: on
-  // the vertical one, at the best y for its x, or on the horizontal one, at the best x for its y.
   static std::uint32_t reached(Float l11, Float l21, Float l22, float reach, float dx, float dy) {
-    const Float zero(0.0f), extent(kBlockSize - 1.0f);
-    const Float best_y = zero - l11 * l21 * reciprocal(fma(l21, l21, l22 * l22)), best_x = zero - l21 * reciprocal(l11);
-    const Float limit(reach * 1.001f + 0.001f);  // rounding must not lose a pixel that its own test would take
+    const Ellipse ellipse(l11, l21, l22, reach);
+    const Float extent(kBlockSize - 1.0f);
     std::uint32_t result = 0;
     for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
-      const Float x_first = Float::load(kGrid.x + i) + Float(dx), x_last = x_first + extent;
-      const Float y_first = Float::load(kGrid.y + i) + Float(dy), y_last = y_first + extent;
-      const Float x_side = max(x_first, min(zero, x_last)), y_side = max(y_first, min(zero, y_last));
-      const Float y_on = max(y_first, min(best_y * x_side, y_last));
-      const Float x_on = max(x_first, min(best_x * y_side, x_last));
-      const Float u_a = fma(l11, x_side, l21 * y_on), w_a = l22 * y_on;
-      const Float u_b = fma(l11, x_on, l21 * y_side), w_b = l22 * y_side;
-      const Float nearest = min(fma(u_a, u_a, w_a * w_a), fma(u_b, u_b, w_b * w_b));
-      result |= bits(nearest <= limit) << i;
+      const Float x = Float::load(kGrid.block_x + i) + Float(dx), y = Float::load(kGrid.block_y + i) + Float(dy);
+      result |= bits(ellipse.touches(x, x + extent, y, y + extent)) << i;
     }
     return result;
   }

@@ -14,25 +14,44 @@
 namespace aa4d {
 namespace {
 
+// One value for each pixel of a tile, in the kernels' order: quarter by quarter, block by block.
 struct alignas(64) Plane {
   float pixel[kTilePixels];
 };
 
-// Calls body(place in a plane, place in a row-major image) for every pixel of the tile that lies inside the image.
-template <class Body>
-void for_each_pixel(const Frame& frame, std::size_t tile, const Body& body) {
-  const int x0 = tile % frame.tiles_x * kTileSize, y0 = tile / frame.tiles_x * kTileSize;
-  const int width = std::min(kTileSize, frame.camera.width - x0), height = std::min(kTileSize, frame.camera.height - y0);
-  for (int y = 0; y < height; ++y) {
-    const std::size_t row = static_cast<std::size_t>(y0 + y) * frame.camera.width + x0;
-    for (int x = 0; x < width; ++x) {
-      const int quarter = y / kQuarterSize * 2 + x / kQuarterSize;
-      const int block = y % kQuarterSize / kBlockSize * (kQuarterSize / kBlockSize) + x % kQuarterSize / kBlockSize;
-      const int place = (quarter * kQuarterBlocks + block) * kBlockPixels + y % kBlockSize * kBlockSize + x % kBlockSize;
-      body(place, row + x);
-    }
-  }
+// One value for each pixel of a row of a tile, from left to right.
+struct alignas(64) Row {
+  float pixel[kTileSize];
+};
+
+// The part of a plane that holds pixels [x, x + kBlockSize) of row y; x is a multiple of kBlockSize.
+constexpr int place_in_plane(int x, int y) {
+  const int quarter = y / kQuarterSize * 2 + x / kQuarterSize;
+  const int block = y % kQuarterSize / kBlockSize * (kQuarterSize / kBlockSize) + x % kQuarterSize / kBlockSize;
+  return (quarter * kQuarterBlocks + block) * kBlockPixels + y % kBlockSize * kBlockSize;
 }
+
+void read_row(const float* plane, int y, Row& row) {
+  for (int x = 0; x < kTileSize; x += kBlockSize) std::copy_n(plane + place_in_plane(x, y), kBlockSize, row.pixel + x);
+}
+
+void write_row(const Row& row, int y, float* plane) {
+  for (int x = 0; x < kTileSize; x += kBlockSize) std::copy_n(row.pixel + x, kBlockSize, plane + place_in_plane(x, y));
+}
+
+// The part of a tile that lies inside the image.
+struct TileWindow {
+  int x, y, width, height;
+
+  TileWindow(const Frame& frame, std::size_t tile)
+      : x(static_cast<int>(tile % frame.tiles_x) * kTileSize), y(static_cast<int>(tile / frame.tiles_x) * kTileSize),
+        width(std::min(kTileSize, frame.camera.width - x)), height(std::min(kTileSize, frame.camera.height - y)) {}
+
+  // Of a row's first pixel in a row-major image.
+  std::size_t place(const Frame& frame, int row) const {
+    return static_cast<std::size_t>(y + row) * frame.camera.width + x;
+  }
+};
 
 TileList list_of(const Scene& scene, const Frame& frame, std::size_t tile) {
   TileList list;
@@ -47,18 +66,25 @@ TileList list_of(const Scene& scene, const Frame& frame, std::size_t tile) {
 }
 
 void draw_tile(const Scene& scene, const Settings& settings, Frame& frame, std::size_t tile, const Image& image) {
-  Plane color[3] = {}, depth = {}, features[kMaxFeatures];
+  Plane color[3] = {}, depth, features[kMaxFeatures];
   std::fill_n(features, scene.feature_count, Plane{});
   float* const transmittance = frame.transmittance.data() + tile * kTilePixels;
   float* const weight = image.depth ? frame.weight.data() + tile * kTilePixels : nullptr;
-  std::fill_n(transmittance, kTilePixels, 0.0f);  // outside the image nothing is ever added
+  if (image.depth) {
+    depth = {};
+    std::fill_n(weight, kTilePixels, 0.0f);
+  }
   std::fill_n(frame.pixel_end.data() + tile * kTilePixels, kTilePixels, 0);
-  if (weight) std::fill_n(weight, kTilePixels, 0.0f);
-  for_each_pixel(frame, tile, [&](int place, std::size_t) { transmittance[place] = 1; });
+  const TileWindow window(frame, tile);
+  for (int y = 0; y < kTileSize; ++y) {
+    Row row = {};  // outside the image nothing is ever added
+    if (y < window.height) std::fill_n(row.pixel, window.width, 1.0f);
+    write_row(row, y, transmittance);
+  }
   ForwardTile work;
   work.list = list_of(scene, frame, tile);
-  work.pixels_x = frame.camera.width - work.list.x;
-  work.pixels_y = frame.camera.height - work.list.y;
+  work.pixels_x = window.width;
+  work.pixels_y = window.height;
   work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
   work.min_transmittance = static_cast<float>(settings.min_transmittance);
   work.transmittance = transmittance;
@@ -69,43 +95,74 @@ void draw_tile(const Scene& scene, const Settings& settings, Frame& frame, std::
   work.features = features[0].pixel;
   kernels().forward_tile(work);
 
-  for_each_pixel(frame, tile, [&](int place, std::size_t pixel) {
-    const float left = std::fabs(transmittance[place]);
-    transmittance[place] = left;
-    for (int k = 0; k < 3; ++k) image.color[3 * pixel + k] = color[k].pixel[place] + left * scene.background[k];
-    image.alpha[pixel] = 1 - left;
-    if (image.depth) image.depth[pixel] = weight[place] > 0 ? depth.pixel[place] / weight[place] : 0;
-    for (int k = 0; k < scene.feature_count; ++k) {
-      image.features[pixel * scene.feature_count + k] = features[k].pixel[place];
+  for (int i = 0; i < kTilePixels; ++i) transmittance[i] = std::fabs(transmittance[i]);
+  for (int y = 0; y < window.height; ++y) {
+    const std::size_t first = window.place(frame, y);
+    Row left, values[3], sum;
+    read_row(transmittance, y, left);
+    for (int k = 0; k < 3; ++k) read_row(color[k].pixel, y, values[k]);
+    float* const out = image.color + 3 * first;
+    for (int x = 0; x < window.width; ++x) {
+      for (int k = 0; k < 3; ++k) out[3 * x + k] = values[k].pixel[x] + left.pixel[x] * scene.background[k];
+      image.alpha[first + x] = 1 - left.pixel[x];
     }
-  });
+    if (image.depth) {
+      read_row(depth.pixel, y, values[0]);
+      read_row(weight, y, sum);
+      for (int x = 0; x < window.width; ++x) {
+        image.depth[first + x] = sum.pixel[x] > 0 ? values[0].pixel[x] / sum.pixel[x] : 0;
+      }
+    }
+    for (int k = 0; k < scene.feature_count; ++k) {
+      read_row(features[k].pixel, y, values[0]);
+      for (int x = 0; x < window.width; ++x) image.features[(first + x) * scene.feature_count + k] = values[0].pixel[x];
+    }
+  }
 }
 
 void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, std::size_t tile,
                    const ImageGradient& image, bool absolute) {
   const int feature_count = image.features ? scene.feature_count : 0;
-  Plane color[3] = {}, depth = {}, depth_value = {}, behind = {}, transmittance = {}, features[kMaxFeatures];
-  std::fill_n(features, feature_count, Plane{});
+  Plane color[3], depth, depth_value, behind, transmittance, features[kMaxFeatures];
+  const float* const left = frame.transmittance.data() + tile * kTilePixels;
+  std::copy_n(left, kTilePixels, transmittance.pixel);
   double background[3] = {};
-  for_each_pixel(frame, tile, [&](int place, std::size_t pixel) {
-    const float left = frame.transmittance[tile * kTilePixels + place];
+  const TileWindow window(frame, tile);
+  for (int y = 0; y < kTileSize; ++y) {
+    // Outside the image every gradient is zero.
+    const std::size_t first = window.place(frame, y);
+    const int width = y < window.height ? window.width : 0;
+    Row row_left, values[3] = {}, row_behind = {};
+    read_row(left, y, row_left);
+    for (int x = 0; x < width; ++x) {
+      float sum = image.alpha ? -image.alpha[first + x] : 0;
+      for (int k = 0; k < 3 && image.color; ++k) {
+        const float g = image.color[3 * (first + x) + k];
+        values[k].pixel[x] = g;
+        sum += scene.background[k] * g;
+        background[k] += static_cast<double>(row_left.pixel[x]) * g;
+      }
+      row_behind.pixel[x] = row_left.pixel[x] * sum;
+    }
+    for (int k = 0; k < 3; ++k) write_row(values[k], y, color[k].pixel);
+    write_row(row_behind, y, behind.pixel);
     if (image.depth) {
       // d(sum(w z) / sum(w)) = sum((z - depth) dw + w dz) / sum(w)
-      const float weight = frame.weight[tile * kTilePixels + place];
-      depth.pixel[place] = weight > 0 ? image.depth[pixel] / weight : 0;
-      depth_value.pixel[place] = image.depth_value[pixel];
+      Row weight, gradient = {}, value = {};
+      read_row(frame.weight.data() + tile * kTilePixels, y, weight);
+      for (int x = 0; x < width; ++x) {
+        gradient.pixel[x] = weight.pixel[x] > 0 ? image.depth[first + x] / weight.pixel[x] : 0;
+        value.pixel[x] = image.depth_value[first + x];
+      }
+      write_row(gradient, y, depth.pixel);
+      write_row(value, y, depth_value.pixel);
     }
-    for (int k = 0; k < feature_count; ++k) features[k].pixel[place] = image.features[pixel * feature_count + k];
-    float sum = image.alpha ? -image.alpha[pixel] : 0;
-    for (int k = 0; k < 3; ++k) {
-      const float g = image.color ? image.color[3 * pixel + k] : 0;
-      color[k].pixel[place] = g;
-      sum += scene.background[k] * g;
-      background[k] += static_cast<double>(left) * g;
+    for (int k = 0; k < feature_count; ++k) {
+      Row gradient = {};
+      for (int x = 0; x < width; ++x) gradient.pixel[x] = image.features[(first + x) * feature_count + k];
+      write_row(gradient, y, features[k].pixel);
     }
-    transmittance.pixel[place] = left;
-    behind.pixel[place] = left * sum;
-  });
+  }
   std::copy_n(background, 3, frame.partial_sums.data() + 3 * tile);
 
   BackwardTile work;
