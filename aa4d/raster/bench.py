@@ -171,16 +171,15 @@ def _table(rows: Sequence[Row]) -> Table:
 
 def _time(gaussians: Gaussians, camera: Camera, backend: str, repeats: int) -> tuple[list[float], list[float]]:
     """Seconds of each forward and each backward pass through the public interface; the first pair is not counted."""
-    inputs = Gaussians(
-        *(None if value is None else value.clone().requires_grad_() for value in vars(gaussians).values())
-    )
+    given: dict[str, torch.Tensor] = {name: value for name, value in vars(gaussians).items() if value is not None}
+    leaves = {name: value.clone().requires_grad_() for name, value in given.items()}
+    inputs = Gaussians(**leaves)
     weights = torch.randn(camera.height, camera.width, 3, generator=torch.Generator().manual_seed(1))
     background = torch.zeros(3)
     forward, backward = [], []
     for repeat in range(repeats + (backend == "native")):
-        for value in vars(inputs).values():
-            if value is not None:
-                value.grad = None
+        for leaf in leaves.values():
+            leaf.grad = None
         start = time.perf_counter()
         image: Rendering = rasterize(inputs, camera, background=background, backend=backend)  # type: ignore[arg-type]
         middle = time.perf_counter()

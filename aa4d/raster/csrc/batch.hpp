@@ -21,25 +21,27 @@ class Batch {
   static constexpr int kViews = 32;
   static constexpr int kEntries = kViews - kTileQuarters + 1;
 
+  // Before the first fill(), of the same run of entries.
+  static void prefetch_first(const TileList& list, std::int64_t first, int step, std::int64_t count) {
+    for (int i = 0; i < kPrefetch && i < count; ++i) prefetch(list, first + i * step);
+  }
+
   // Takes entries from list.entries[first] on, `step` (1 or -1) apart, up to `count` of them; `wanted(quarter, place)`
   // gives the blocks of a quarter that matter to the entry at a place. Returns how many entries were taken.
   template <class Wanted>
   int fill(const TileList& list, std::int64_t first, int step, std::int64_t count, const Wanted& wanted) {
-    constexpr int kPrefetch = 2 * kEntries;  // entries ahead: a tile's list points all over the splats
     std::uint16_t view_entry[kViews + kTileQuarters], view_quarter[kViews + kTileQuarters];
     int taken = 0, views = 0;
     for (; taken < count && views + kTileQuarters <= kViews; ++taken) {
       const TileEntry& entry = list.entries[first + taken * step];
-      if (taken + kPrefetch < count) {
-        __builtin_prefetch(&list.splats[list.entries[first + (taken + kPrefetch) * step].gaussian]);
-      }
+      if (taken + kPrefetch < count) prefetch(list, first + (taken + kPrefetch) * step);
       for (int q = 0; q < kTileQuarters; ++q) {
         view_entry[views] = taken;
         view_quarter[views] = q;
         views += entry.quarters >> q & 1;
       }
     }
-    item_count_ = 0;
+    int items = 0;
     for (int v = 0; v < views; ++v) {
       const std::int64_t place = first + view_entry[v] * step;
       const int quarter = view_quarter[v];
@@ -48,10 +50,10 @@ class Batch {
       view.gaussian = list.entries[place].gaussian;
       const std::uint32_t reached = view.look(list.splats[view.gaussian], list.x + quarter % 2 * kQuarterSize,
                                               list.y + quarter / 2 * kQuarterSize);
-      item_count_ += append_lanes(reached & wanted(quarter, place), v * kTileBlocks + quarter * kQuarterBlocks,
-                                  &items_[item_count_].bits);
-      item_end_[view_entry[v]] = item_count_;
+      items += append_lanes(reached & wanted(quarter, place), v * kTileBlocks + quarter * kQuarterBlocks, &items_[items].bits);
+      item_end_[view_entry[v]] = items;
     }
+    item_count_ = items;
     return taken;
   }
 
@@ -61,6 +63,12 @@ class Batch {
   const BlockItem* items_end() const { return items_ + item_count_; }
 
  private:
+  static constexpr int kPrefetch = 2 * kEntries;  // entries ahead: a tile's list points all over the splats
+
+  static void prefetch(const TileList& list, std::int64_t place) {
+    __builtin_prefetch(&list.splats[list.entries[place].gaussian]);
+  }
+
   QuarterView views_[kViews];
   BlockItem items_[(kViews + 1) * kQuarterBlocks];  // the last row is room for the appending store
   int item_end_[kEntries];

@@ -46,6 +46,7 @@ std::uint32_t backward_tile(const BackwardTile& tile) {
   float *const transmittances = tile.transmittance, *const behinds = tile.behind;
   const std::int32_t* const pixel_ends = tile.pixel_end;
   Batch batch;
+  Batch::prefetch_first(list, ends.last - 1, -1, ends.last);
 
   for (std::int64_t left = ends.last; left > 0;) {
     const int taken = batch.fill(list, left - 1, -1, left, ends);

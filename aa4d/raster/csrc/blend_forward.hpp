@@ -34,6 +34,7 @@ void forward_tile(const ForwardTile& tile) {
   float* const blues = tile.color[2];
   std::int32_t* const pixel_ends = tile.pixel_end;
   Batch batch;
+  Batch::prefetch_first(list, 0, 1, list.count);
 
   for (std::int64_t done = 0; done < list.count && alive != 0;) {
     const int taken = batch.fill(list, done, 1, list.count - done, wanted);
