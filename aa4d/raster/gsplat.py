@@ -69,7 +69,7 @@ def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options:
 
 def _load() -> Callable[..., Any]:
     try:
-        return import_module("gsplat").rasterization  # type: ignore[no-any-return]
+        return import_module("gsplat").rasterization
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             "the rasteriser back end 'gsplat' needs the package gsplat, which is not installed: "
