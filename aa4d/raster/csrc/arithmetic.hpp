@@ -15,8 +15,8 @@ inline std::uint64_t count_pairs(const BackwardTile& tile) {
   std::uint64_t pairs = 0;
   for (std::int64_t done = 0; done < list.count;) {
     const int taken = batch.fill(list, done, 1, list.count - done, ends);
-    for (const BlockItem* item = batch.items_begin(); item != batch.items_end(); ++item) {
-      const QuarterView& view = batch.view(item->view());
+    for (const BlockItem* item = batch.begin(); item != batch.end(); ++item) {
+      const QuarterView& view = batch.view(*item);
       for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
         const Float exponent = view.log2_alpha(view.u(item->quarter_block(), k), view.w(item->quarter_block(), k));
         const Mask adds = (exponent >= cutoff) & above(tile.pixel_end + item->block() * kBlockPixels + k, view.place);

@@ -18,28 +18,27 @@ struct BlockItem {
 
 class Batch {
  public:
-  static constexpr int kViews = 32;
-  static constexpr int kEntries = kViews - kTileQuarters + 1;
-
   // Before the first fill(), of the same run of entries.
   static void prefetch_first(const TileList& list, std::int64_t first, int step, std::int64_t count) {
     for (int i = 0; i < kPrefetch && i < count; ++i) prefetch(list, first + i * step);
   }
 
-  // Takes entries from list.entries[first] on, `step` (1 or -1) apart, up to `count` of them; `wanted(quarter, place)`
-  // gives the blocks of a quarter that matter to the entry at a place. Returns how many entries were taken.
+  // Takes entries from list.entries[first] on, `step` (1 or -1) apart, up to `count` of them. `wanted.blocks(quarter,
+  // place)` gives the blocks of a quarter that matter to the entry at a place, and `wanted.any` tells whether there are
+  // any. Returns how many entries were taken, at least one.
   template <class Wanted>
   int fill(const TileList& list, std::int64_t first, int step, std::int64_t count, const Wanted& wanted) {
-    std::uint16_t view_entry[kViews + kTileQuarters], view_quarter[kViews + kTileQuarters];
+    std::uint16_t view_entry[kViews], view_quarter[kViews];
     int taken = 0, views = 0;
-    for (; taken < count && views + kTileQuarters <= kViews; ++taken) {
-      const TileEntry& entry = list.entries[first + taken * step];
-      if (taken + kPrefetch < count) prefetch(list, first + (taken + kPrefetch) * step);
+    for (; taken < count && taken < kEntries && views + kTileQuarters < kViews; ++taken) {
+      const std::int64_t place = first + taken * step;
+      if (taken + kPrefetch < count) prefetch(list, place + kPrefetch * step);
       for (int q = 0; q < kTileQuarters; ++q) {
         view_entry[views] = taken;
         view_quarter[views] = q;
-        views += entry.quarters >> q & 1;
+        views += (list.entries[place].quarters >> q & 1) & wanted.any(q, place);
       }
+      entry_views_[taken + 1] = views;
     }
     int items = 0;
     for (int v = 0; v < views; ++v) {
@@ -50,20 +49,25 @@ class Batch {
       view.gaussian = list.entries[place].gaussian;
       const std::uint32_t reached = view.look(list.splats[view.gaussian], list.x + quarter % 2 * kQuarterSize,
                                               list.y + quarter / 2 * kQuarterSize);
-      items += append_lanes(reached & wanted(quarter, place), v * kTileBlocks + quarter * kQuarterBlocks, &items_[items].bits);
-      item_end_[view_entry[v]] = items;
+      items += append_lanes(reached & wanted.blocks(quarter, place), v * kTileBlocks + quarter * kQuarterBlocks,
+                            &items_[items].bits);
+      view_items_[v + 1] = items;
     }
     item_count_ = items;
     return taken;
   }
 
-  const QuarterView& view(int i) const { return views_[i]; }
-  const BlockItem* items_begin(int entry = 0) const { return items_ + (entry == 0 ? 0 : item_end_[entry - 1]); }
-  const BlockItem* items_end(int entry) const { return items_ + item_end_[entry]; }
-  const BlockItem* items_end() const { return items_ + item_count_; }
+  const QuarterView& view(const BlockItem& item) const { return views_[item.view()]; }
+
+  // Of the whole batch, and of one entry of it.
+  const BlockItem* begin() const { return items_; }
+  const BlockItem* end() const { return items_ + item_count_; }
+  const BlockItem* begin(int entry) const { return items_ + view_items_[entry_views_[entry]]; }
+  const BlockItem* end(int entry) const { return items_ + view_items_[entry_views_[entry + 1]]; }
 
  private:
-  static constexpr int kPrefetch = 2 * kEntries;  // entries ahead: a tile's list points all over the splats
+  static constexpr int kViews = 36, kEntries = 64;
+  static constexpr int kPrefetch = 48;  // entries ahead: a tile's list points all over the splats
 
   static void prefetch(const TileList& list, std::int64_t place) {
     __builtin_prefetch(&list.splats[list.entries[place].gaussian]);
@@ -71,8 +75,9 @@ class Batch {
 
   QuarterView views_[kViews];
   BlockItem items_[(kViews + 1) * kQuarterBlocks];  // the last row is room for the appending store
-  int item_end_[kEntries];
-  int item_count_;
+  int entry_views_[kEntries + 1] = {};              // how many views the entries before this one have
+  int view_items_[kViews + 1] = {};                 // how many items the views before this one have
+  int item_count_ = 0;
 };
 
 }  // namespace aa4d::AA4D_ARCH

@@ -13,6 +13,7 @@ namespace aa4d::AA4D_ARCH {
 // Where each block's contributions end: nothing from that place on concerns it.
 struct BlockEnds {
   alignas(64) std::int32_t place[kTileBlocks];
+  std::int32_t quarter_place[kTileQuarters] = {};
   std::int32_t last = 0;  // of the whole tile
 
   explicit BlockEnds(const std::int32_t* pixel_end) {
@@ -20,18 +21,21 @@ struct BlockEnds {
       std::int32_t end = 0;
       for (int p = b * kBlockPixels; p < (b + 1) * kBlockPixels; ++p) end = pixel_end[p] > end ? pixel_end[p] : end;
       place[b] = end;
+      std::int32_t& quarter = quarter_place[b / kQuarterBlocks];
+      quarter = end > quarter ? end : quarter;
       last = end > last ? end : last;
     }
   }
 
   // The blocks of a quarter that have contributions from an entry on.
-  std::uint32_t operator()(int quarter, std::int64_t entry) const {
+  std::uint32_t blocks(int quarter, std::int64_t entry) const {
     std::uint32_t result = 0;
     for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
       result |= bits(above(place + quarter * kQuarterBlocks + i, static_cast<std::int32_t>(entry))) << i;
     }
     return result;
   }
+  bool any(int quarter, std::int64_t entry) const { return quarter_place[quarter] > entry; }
 };
 
 // kExtras: whether there is more than the gradient of colour: depth, features, absolute sums.
@@ -60,8 +64,8 @@ std::uint32_t backward_tile(const BackwardTile& tile) {
         for (int c = 0; c < list.feature_count; ++c) zero.store(sum_features[c]);
       }
 
-      for (const BlockItem* item = batch.items_begin(e); item != batch.items_end(e); ++item) {
-        const QuarterView& view = batch.view(item->view());
+      for (const BlockItem* item = batch.begin(e); item != batch.end(e); ++item) {
+        const QuarterView& view = batch.view(*item);
         for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
           const int p = item->block() * kBlockPixels + k;
           const Float u = view.u(item->quarter_block(), k), w = view.w(item->quarter_block(), k);

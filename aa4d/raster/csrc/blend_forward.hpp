@@ -17,6 +17,16 @@ inline std::uint64_t blocks_inside(int pixels_x, int pixels_y) {
   return result;
 }
 
+// Those that have an unfinished pixel.
+struct AliveBlocks {
+  std::uint64_t bits;
+
+  std::uint32_t blocks(int quarter, std::int64_t) const {
+    return static_cast<std::uint32_t>(bits >> (quarter * kQuarterBlocks)) & ((1u << kQuarterBlocks) - 1);
+  }
+  bool any(int quarter, std::int64_t place) const { return blocks(quarter, place) != 0; }
+};
+
 inline void accumulate(float* sums, Float weight, Float value) { fma(weight, value, Float::load(sums)).store(sums); }
 
 // kExtras: whether depth or features are wanted beside colour.
@@ -25,10 +35,7 @@ void forward_tile(const ForwardTile& tile) {
   const TileList& list = tile.list;
   const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), zero(0.0f), one(1.0f);
   const Float min_transmittance(tile.min_transmittance);
-  std::uint64_t alive = blocks_inside(tile.pixels_x, tile.pixels_y);  // blocks with an unfinished pixel
-  const auto wanted = [&](int quarter, std::int64_t) {
-    return static_cast<std::uint32_t>(alive >> (quarter * kQuarterBlocks)) & ((1u << kQuarterBlocks) - 1);
-  };
+  AliveBlocks alive = {blocks_inside(tile.pixels_x, tile.pixels_y)};
   // Copies, because the compiler must assume that a store of pixels changes what the tile points to.
   float *const transmittances = tile.transmittance, *const reds = tile.color[0], *const greens = tile.color[1];
   float* const blues = tile.color[2];
@@ -36,10 +43,10 @@ void forward_tile(const ForwardTile& tile) {
   Batch batch;
   Batch::prefetch_first(list, 0, 1, list.count);
 
-  for (std::int64_t done = 0; done < list.count && alive != 0;) {
-    const int taken = batch.fill(list, done, 1, list.count - done, wanted);
-    for (const BlockItem* item = batch.items_begin(); item != batch.items_end(); ++item) {
-      const QuarterView& view = batch.view(item->view());
+  for (std::int64_t done = 0; done < list.count && alive.bits != 0;) {
+    const int taken = batch.fill(list, done, 1, list.count - done, alive);
+    for (const BlockItem* item = batch.begin(); item != batch.end(); ++item) {
+      const QuarterView& view = batch.view(*item);
       for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
         const int p = item->block() * kBlockPixels + k;
         const Float exponent = view.log2_alpha(view.u(item->quarter_block(), k), view.w(item->quarter_block(), k));
@@ -67,13 +74,13 @@ void forward_tile(const ForwardTile& tile) {
       }
     }
     done += taken;
-    for (std::uint64_t rest = alive; rest != 0; rest &= rest - 1) {
+    for (std::uint64_t rest = alive.bits; rest != 0; rest &= rest - 1) {
       const int block = __builtin_ctzll(rest);
       bool any_left = false;
       for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
         any_left |= any(Float::load(transmittances + block * kBlockPixels + k) > zero);
       }
-      alive &= ~(static_cast<std::uint64_t>(!any_left) << block);
+      alive.bits &= ~(static_cast<std::uint64_t>(!any_left) << block);
     }
   }
 }
