@@ -9,13 +9,18 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
 import torch
 from rich.console import Console
 from rich.table import Table
+from torch import Tensor
 
-from aa4d.raster import Camera, Gaussians, Options, Rendering, _native, rasterize
+from aa4d.raster import Camera, Gaussians, Options, _native, rasterize, reference
+from aa4d.raster.cutoffs import CUTOFFS, Cutoffs
 from aa4d.raster.native import draw
+
+Precision = Literal["fast", "exact"]
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,9 @@ SCENES = (
     Scene(100_000, 960, 540),
     Scene(400_000, 1280, 720),
 )
+# Of different sizes and numbers, to tell what a pair costs from what a Gaussian does.
+SCALING = tuple(Scene(count, 640, 360, radius) for count in (10_000, 30_000, 90_000) for radius in (3.0, 6.0, 12.0))
+ERRORS = Scene(2_000, 160, 90)
 
 
 @dataclass(frozen=True)
@@ -60,11 +68,88 @@ class Row:
     peak_mib: float  # resident memory above that of the process before
 
 
+def bench(
+    scenes: Sequence[Scene] = SCENES, repeats: int = 7, json_path: Path | None = None, console: Console | None = None
+) -> list[dict[str, object]]:
+    """Measure scenes, print a table, and return (and write to `json_path`) one row for each."""
+    console = console or Console()
+    rows = []
+    for scene in scenes:
+        with console.status(f"{scene.gaussians} Gaussians at {scene.width}x{scene.height}"):
+            rows.append(measure(scene, repeats))
+    console.print(_speed_table(rows))
+    result = [asdict(row) for row in rows]
+    if json_path is not None:
+        json_path.write_text(json.dumps(result, indent=1) + "\n")
+    return result
+
+
+def bench_precision(repeats: int = 7, console: Console | None = None) -> None:
+    """Print what each precision costs, and what error it leaves against float64 without any cut-off."""
+    table = Table(
+        title=f"Precision: time on {_name(SCENES[0])}, errors on {_name(ERRORS)} against float64, no cut-offs"
+    )
+    for column in (
+        "precision",
+        "alpha from",
+        "transmittance to",
+        "forward ms",
+        "backward ms",
+        "largest error",
+        "rms error",
+        "gradient error",
+    ):
+        table.add_column(column, justify="right")
+    gaussians, camera = random_scene(ERRORS)
+    truth, truth_gradient = _image_and_gradient(gaussians, camera, None)
+    for precision in get_args(Precision):
+        image, gradient = _image_and_gradient(gaussians, camera, precision)
+        forward, backward = _time(*random_scene(SCENES[0]), "native", repeats, precision)
+        error = image.double() - truth
+        table.add_row(
+            precision,
+            f"{CUTOFFS[precision].alpha:.2g}",
+            f"{CUTOFFS[precision].transmittance:.2g}",
+            f"{1e3 * min(forward):.1f}",
+            f"{1e3 * min(backward):.1f}",
+            f"{float(error.abs().max()):.1e}",
+            f"{float(error.square().mean().sqrt()):.1e}",
+            f"{float((gradient.double() - truth_gradient).norm() / truth_gradient.norm()):.1e}",
+        )
+    (console or Console()).print(table)
+
+
+def bench_scaling(repeats: int = 7, console: Console | None = None) -> None:
+    """Fit time = a pairs + b Gaussians + c over scenes that differ in both, and print how well it fits."""
+    rows = [measure(scene, repeats, single_thread=False) for scene in SCALING]
+    inputs = torch.tensor([[row.pairs, row.gaussians, 1.0] for row in rows], dtype=torch.float64)
+    table = Table(title=f"Linear fit over {len(rows)} scenes, {rows[0].threads} threads")
+    for column in ("pass", "ns per pair", "ns per Gaussian", "ms per image", "R^2", "largest deviation"):
+        table.add_column(column, justify="right")
+    for name in ("forward", "backward"):
+        times = torch.tensor([getattr(row, f"{name}_ms") for row in rows], dtype=torch.float64)
+        # Relative deviations are what counts: small scenes would not matter otherwise.
+        fit = torch.linalg.lstsq(inputs / times[:, None], torch.ones(len(rows), 1, dtype=torch.float64)).solution[:, 0]
+        predicted = inputs @ fit
+        r2 = 1 - (times - predicted).square().sum() / (times - times.mean()).square().sum()
+        deviation = (predicted / times - 1).abs().max()
+        pair, gaussian, image = fit.tolist()
+        table.add_row(
+            name,
+            f"{1e6 * pair:.2f}",
+            f"{1e6 * gaussian:.0f}",
+            f"{image:.2f}",
+            f"{float(r2):.3f}",
+            f"{float(deviation):.0%}",
+        )
+    (console or Console()).print(table)
+
+
 def random_scene(scene: Scene, seed: int = 0) -> tuple[Gaussians, Camera]:
     """Gaussians spread evenly over the image, 2 to 10 units deep, opacity 0.05 to 0.95, somewhat elongated."""
     generator = torch.Generator().manual_seed(seed)
 
-    def uniform(*shape: int) -> torch.Tensor:
+    def uniform(*shape: int) -> Tensor:
         return torch.rand(*shape, generator=generator)
 
     focal = 0.8 * scene.width
@@ -83,8 +168,8 @@ def random_scene(scene: Scene, seed: int = 0) -> tuple[Gaussians, Camera]:
     return gaussians, Camera(torch.eye(4), K, scene.width, scene.height)
 
 
-def measure(scene: Scene, repeats: int) -> Row:
-    """Time one scene, forward and backward, with as many threads as torch has and with one."""
+def measure(scene: Scene, repeats: int, single_thread: bool = True) -> Row:
+    """Time one scene, forward and backward, with as many threads as torch has, and with one."""
     gc.collect()
     _reset_peak()
     before = _memory_mib("VmRSS")
@@ -97,10 +182,10 @@ def measure(scene: Scene, repeats: int) -> Row:
     peak = _memory_mib("VmHWM") - before
     bound_forward, bound_backward = (_arithmetic_seconds(is_backward, pairs) for is_backward in (False, True))
     speedup = None
-    if threads > 1:
+    if single_thread and threads > 1:
         torch.set_num_threads(1)
         try:
-            single = sum(min(times) for times in _time(gaussians, camera, "native", max(2, repeats // 2)))
+            single = sum(min(times) for times in _time(gaussians, camera, "native", repeats))
         finally:
             torch.set_num_threads(threads)
         speedup = single / (min(forward) + min(backward))
@@ -128,23 +213,7 @@ def measure(scene: Scene, repeats: int) -> Row:
     )
 
 
-def bench(
-    scenes: Sequence[Scene] = SCENES, repeats: int = 7, json_path: Path | None = None, console: Console | None = None
-) -> list[dict[str, object]]:
-    """Measure scenes, print a table, and return (and write to `json_path`) one row for each."""
-    console = console or Console()
-    rows = []
-    for scene in scenes:
-        with console.status(f"{scene.gaussians} Gaussians at {scene.width}x{scene.height}"):
-            rows.append(measure(scene, repeats))
-    console.print(_table(rows))
-    result = [asdict(row) for row in rows]
-    if json_path is not None:
-        json_path.write_text(json.dumps(result, indent=1) + "\n")
-    return result
-
-
-def _table(rows: Sequence[Row]) -> Table:
+def _speed_table(rows: Sequence[Row]) -> Table:
     first = rows[0]
     table = Table(title=f"Native rasteriser, {first.instruction_set}, {first.threads} threads: best (median) ms")
     columns: list[tuple[str, Callable[[Row], str]]] = [
@@ -169,33 +238,61 @@ def _table(rows: Sequence[Row]) -> Table:
     return table
 
 
-def _time(gaussians: Gaussians, camera: Camera, backend: str, repeats: int) -> tuple[list[float], list[float]]:
-    """Seconds of each forward and each backward pass through the public interface; the first pair is not counted."""
-    given: dict[str, torch.Tensor] = {name: value for name, value in vars(gaussians).items() if value is not None}
-    leaves = {name: value.clone().requires_grad_() for name, value in given.items()}
-    inputs = Gaussians(**leaves)
-    weights = torch.randn(camera.height, camera.width, 3, generator=torch.Generator().manual_seed(1))
-    background = torch.zeros(3)
+def _name(scene: Scene) -> str:
+    return f"{scene.gaussians} at {scene.width}x{scene.height}"
+
+
+def _leaves(gaussians: Gaussians) -> dict[str, Tensor]:
+    given: dict[str, Tensor] = {name: value for name, value in vars(gaussians).items() if value is not None}
+    return {name: value.detach().clone().requires_grad_() for name, value in given.items()}
+
+
+def _weights(camera: Camera) -> Tensor:
+    return torch.randn(camera.height, camera.width, 3, generator=torch.Generator().manual_seed(1))
+
+
+def _image_and_gradient(gaussians: Gaussians, camera: Camera, precision: Precision | None) -> tuple[Tensor, Tensor]:
+    """A picture, and the gradient of all means, scales and opacities in one; float64 without cut-offs for None."""
+    dtype = torch.float64 if precision is None else torch.float32
+    leaves = {name: value.to(dtype).detach().requires_grad_() for name, value in _leaves(gaussians).items()}
+    background = torch.zeros(3, dtype=dtype)
+    if precision is None:
+        image = reference.rasterize(Gaussians(**leaves), camera, background, Options(), Cutoffs(1e-15, 0))
+    else:
+        image = rasterize(Gaussians(**leaves), camera, background=background, precision=precision)
+    image.color.backward(_weights(camera).to(dtype))
+    parts = (leaves[name].grad for name in ("means", "scales", "opacities"))
+    return image.color.detach(), torch.cat([part.flatten() for part in parts if part is not None])
+
+
+def _time(
+    gaussians: Gaussians,
+    camera: Camera,
+    backend: Literal["native", "reference"],
+    repeats: int,
+    precision: Precision = "fast",
+) -> tuple[list[float], list[float]]:
+    """Seconds of each forward and each backward pass through the public interface, after one that is not counted."""
+    leaves, weights, background = _leaves(gaussians), _weights(camera), torch.zeros(3)
     forward, backward = [], []
-    for repeat in range(repeats + (backend == "native")):
+    warm_up = 1 if backend == "native" else 0
+    for _ in range(repeats + warm_up):
         for leaf in leaves.values():
             leaf.grad = None
         start = time.perf_counter()
-        image: Rendering = rasterize(inputs, camera, background=background, backend=backend)  # type: ignore[arg-type]
+        image = rasterize(Gaussians(**leaves), camera, background=background, backend=backend, precision=precision)
         middle = time.perf_counter()
         image.color.backward(weights)
-        end = time.perf_counter()
-        if repeat or backend != "native":
-            forward.append(middle - start)
-            backward.append(end - middle)
-    return forward, backward
+        forward.append(middle - start)
+        backward.append(time.perf_counter() - middle)
+    return forward[warm_up:], backward[warm_up:]
 
 
 def _arithmetic_seconds(is_backward: bool, pairs: int) -> float:
     """The least time that the arithmetic of so many contributions takes on all threads."""
-    sample = 50_000_000  # enough to time, little enough to wait for
+    sample = 5_000_000  # about a millisecond: short enough to run undisturbed once in a while
     times = []
-    for _ in range(5):
+    for _ in range(50):
         start = time.perf_counter()
         _native.arithmetic(is_backward, sample, torch.get_num_threads())
         times.append(time.perf_counter() - start)
