@@ -13,8 +13,8 @@ inline std::uint64_t count_pairs(const BackwardTile& tile) {
   const BlockEnds ends(tile.pixel_end);
   Batch batch;
   std::uint64_t pairs = 0;
-  for (std::int64_t done = 0; done < list.count;) {
-    const int taken = batch.fill(list, done, 1, list.count - done, ends);
+  for (std::int64_t done = 0; done < ends.last;) {
+    const int taken = batch.fill(list, done, 1, ends.last - done, ends);
     for (const BlockItem* item = batch.begin(); item != batch.end(); ++item) {
       const QuarterView& view = batch.view(*item);
       for (int k = 0; k < kBlockPixels; k += Float::kWidth) {

@@ -23,9 +23,9 @@ class Batch {
     for (int i = 0; i < kPrefetch && i < count; ++i) prefetch(list, first + i * step);
   }
 
-  // Takes entries from list.entries[first] on, `step` (1 or -1) apart, up to `count` of them. `wanted.blocks(quarter,
-  // place)` gives the blocks of a quarter that matter to the entry at a place, and `wanted.any` tells whether there are
-  // any. Returns how many entries were taken, at least one.
+  // Takes entries from list.entries[first] on, `step` (1 or -1) apart, up to `count` of them. `wanted.any(entry,
+  // quarter, place)` tells whether a quarter has blocks that the entry at a place adds to, and `wanted.blocks(entry,
+  // quarter, place, splat, x, y)` which. Returns how many entries were taken, at least one.
   template <class Wanted>
   int fill(const TileList& list, std::int64_t first, int step, std::int64_t count, const Wanted& wanted) {
     std::uint16_t view_entry[kViews], view_quarter[kViews];
@@ -36,7 +36,7 @@ class Batch {
       for (int q = 0; q < kTileQuarters; ++q) {
         view_entry[views] = taken;
         view_quarter[views] = q;
-        views += (list.entries[place].quarters >> q & 1) & wanted.any(q, place);
+        views += wanted.any(list.entries[place], q, place);
       }
       entry_views_[taken + 1] = views;
     }
@@ -44,12 +44,14 @@ class Batch {
     for (int v = 0; v < views; ++v) {
       const std::int64_t place = first + view_entry[v] * step;
       const int quarter = view_quarter[v];
+      const int x = list.x + quarter % 2 * kQuarterSize, y = list.y + quarter / 2 * kQuarterSize;
+      TileEntry& entry = list.entries[place];
+      const Splat& splat = list.splats[entry.gaussian];
       QuarterView& view = views_[v];
       view.place = static_cast<std::int32_t>(place);
-      view.gaussian = list.entries[place].gaussian;
-      const std::uint32_t reached = view.look(list.splats[view.gaussian], list.x + quarter % 2 * kQuarterSize,
-                                              list.y + quarter / 2 * kQuarterSize);
-      items += append_lanes(reached & wanted.blocks(quarter, place), v * kTileBlocks + quarter * kQuarterBlocks,
+      view.gaussian = entry.gaussian;
+      view.look(splat, x, y);
+      items += append_lanes(wanted.blocks(entry, quarter, place, splat, x, y), v * kTileBlocks + quarter * kQuarterBlocks,
                             &items_[items].bits);
       view_items_[v + 1] = items;
     }

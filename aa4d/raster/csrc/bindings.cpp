@@ -144,7 +144,7 @@ NB_MODULE(_native, m) {
   nb::class_<aa4d::Settings>(m, "Settings")
       .def(nb::init<double, double, bool, bool, int>(), "min_alpha"_a, "min_transmittance"_a, "antialiased"_a,
            "mask_invalid"_a, "threads"_a);
-  nb::class_<SavedFrame>(m, "Frame").def("count_pairs", [](const SavedFrame& saved) {
+  nb::class_<SavedFrame>(m, "Frame").def("count_pairs", [](SavedFrame& saved) {
     return aa4d::count_pairs(saved.settings, *saved.frame);
   });
   m.def("forward", &forward, "scene"_a, "camera"_a, "settings"_a, "color"_a, "alpha"_a, "depth"_a.none(),

@@ -146,7 +146,7 @@ void deal_to_tiles(Frame& frame, int threads) {
         const std::uint32_t g = static_cast<std::uint32_t>(frame.order[i]), count = frame.touched_count[i];
         frame.slots[g] = {slot, slot + count};
         for (std::uint32_t k = 0; k < count; ++k, ++touched) {
-          frame.entries[place[touched->tile]++] = {g, touched->quarters, slot++};
+          frame.entries[place[touched->tile]++] = {g, touched->quarters, slot++, {}};
         }
       }
     }

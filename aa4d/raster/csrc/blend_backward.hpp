@@ -27,15 +27,17 @@ struct BlockEnds {
     }
   }
 
-  // The blocks of a quarter that have contributions from an entry on.
-  std::uint32_t blocks(int quarter, std::int64_t entry) const {
-    std::uint32_t result = 0;
-    for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
-      result |= bits(above(place + quarter * kQuarterBlocks + i, static_cast<std::int32_t>(entry))) << i;
-    }
-    return result;
+  bool any(const TileEntry& entry, int quarter, std::int64_t at) const {
+    return (entry.blocks[quarter] != 0) & (quarter_place[quarter] > at);
   }
-  bool any(int quarter, std::int64_t entry) const { return quarter_place[quarter] > entry; }
+  // Those that the forward pass found, as far as they have contributions at or behind a place.
+  std::uint32_t blocks(const TileEntry& entry, int quarter, std::int64_t at, const Splat&, int, int) const {
+    std::uint32_t open = 0;
+    for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
+      open |= bits(above(place + quarter * kQuarterBlocks + i, static_cast<std::int32_t>(at))) << i;
+    }
+    return entry.blocks[quarter] & open;
+  }
 };
 
 // kExtras: whether there is more than the gradient of colour: depth, features, absolute sums.

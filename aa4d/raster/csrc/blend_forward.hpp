@@ -17,14 +17,22 @@ inline std::uint64_t blocks_inside(int pixels_x, int pixels_y) {
   return result;
 }
 
-// Those that have an unfinished pixel.
+// The blocks that have an unfinished pixel.
 struct AliveBlocks {
   std::uint64_t bits;
 
-  std::uint32_t blocks(int quarter, std::int64_t) const {
+  std::uint32_t of(int quarter) const {
     return static_cast<std::uint32_t>(bits >> (quarter * kQuarterBlocks)) & ((1u << kQuarterBlocks) - 1);
   }
-  bool any(int quarter, std::int64_t place) const { return blocks(quarter, place) != 0; }
+  bool any(const TileEntry& entry, int quarter, std::int64_t) const {
+    return (entry.quarters >> quarter & 1) & (of(quarter) != 0);
+  }
+  // Finds them, and notes them for the way back.
+  std::uint32_t blocks(TileEntry& entry, int quarter, std::int64_t, const Splat& splat, int x, int y) const {
+    const std::uint32_t result = reached_blocks(splat, x, y) & of(quarter);
+    entry.blocks[quarter] = static_cast<std::uint16_t>(result);
+    return result;
+  }
 };
 
 inline void accumulate(float* sums, Float weight, Float value) { fma(weight, value, Float::load(sums)).store(sums); }

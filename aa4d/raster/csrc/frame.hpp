@@ -46,6 +46,7 @@ struct TileEntry {
   std::uint32_t gaussian : 28;
   std::uint32_t quarters : 4;  // one bit for each quarter of the tile that it reaches
   std::uint32_t slot;          // the place of this pair's gradient
+  std::uint16_t blocks[4];     // of each quarter, one bit for each block that it may add to; the forward pass finds them
 };
 inline constexpr std::size_t kMaxGaussians = std::size_t{1} << 28;
 

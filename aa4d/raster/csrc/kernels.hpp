@@ -10,7 +10,7 @@ namespace aa4d {
 
 struct TileList {
   const Splat* splats;
-  const TileEntry* entries;  // near to far
+  TileEntry* entries;        // near to far
   std::uint32_t count;
   int x, y;  // the tile's first pixel
   const float* features;     // [N, F] or null

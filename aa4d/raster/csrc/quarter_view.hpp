@@ -14,8 +14,8 @@ struct alignas(64) QuarterView {
   std::uint32_t gaussian;
   std::int32_t place;  // in the tile's list
 
-  // `x`, `y`: the quarter's first pixel. Returns one bit for each block; no pixel of the others passes the cut-off.
-  std::uint32_t look(const Splat& splat, int x, int y) {
+  // `x`, `y`: the quarter's first pixel.
+  void look(const Splat& splat, int x, int y) {
     const double dx = x - splat.x, dy = y - splat.y;
     l21 = static_cast<float>(splat.l21);
     l22 = static_cast<float>(splat.l22);
@@ -35,11 +35,6 @@ struct alignas(64) QuarterView {
       fma(a, px, b * py).store(u_pixel + i);
       (c * py).store(w_pixel + i);
     }
-    // Far from the centre single precision cannot place the ellipse's edge; such a splat is large anyway.
-    constexpr double kFar = 2048;
-    const bool near = dx < kFar && dx > -kFar && dy < kFar && dy > -kFar;
-    return near ? reached(a, b, c, splat.reach, static_cast<float>(dx), static_cast<float>(dy))
-                : (1u << kQuarterBlocks) - 1;
   }
 
   // Of the kWidth pixels of a block from `pixel` on.
@@ -48,18 +43,23 @@ struct alignas(64) QuarterView {
 
   // log2 of alpha, before the clamp.
   Float log2_alpha(Float u, Float w) const { return fnma(w, w, fnma(u, u, Float(log2_opacity))); }
-
- private:
-  static std::uint32_t reached(Float l11, Float l21, Float l22, float reach, float dx, float dy) {
-    const Ellipse ellipse(l11, l21, l22, reach);
-    const Float extent(kBlockSize - 1.0f);
-    std::uint32_t result = 0;
-    for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
-      const Float x = Float::load(kGrid.block_x + i) + Float(dx), y = Float::load(kGrid.block_y + i) + Float(dy);
-      result |= bits(ellipse.touches(x, x + extent, y, y + extent)) << i;
-    }
-    return result;
-  }
 };
+
+// The blocks of a quarter that a splat may reach, one bit each: no pixel of the others passes the cut-off.
+inline std::uint32_t reached_blocks(const Splat& splat, int x, int y) {
+  const double dx = x - splat.x, dy = y - splat.y;
+  // Far from the centre single precision cannot place the ellipse's edge; such a splat is large anyway.
+  constexpr double kFar = 2048;
+  if (!(dx < kFar && dx > -kFar && dy < kFar && dy > -kFar)) return (1u << kQuarterBlocks) - 1;
+  const Ellipse ellipse(Float(static_cast<float>(splat.l11)), Float(static_cast<float>(splat.l21)),
+                        Float(static_cast<float>(splat.l22)), splat.reach);
+  const Float extent(kBlockSize - 1.0f), x0(static_cast<float>(dx)), y0(static_cast<float>(dy));
+  std::uint32_t result = 0;
+  for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
+    const Float left = Float::load(kGrid.block_x + i) + x0, top = Float::load(kGrid.block_y + i) + y0;
+    result |= bits(ellipse.touches(left, left + extent, top, top + extent)) << i;
+  }
+  return result;
+}
 
 }  // namespace aa4d::AA4D_ARCH

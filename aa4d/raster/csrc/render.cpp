@@ -53,7 +53,7 @@ struct TileWindow {
   }
 };
 
-TileList list_of(const Scene& scene, const Frame& frame, std::size_t tile) {
+TileList list_of(const Scene& scene, Frame& frame, std::size_t tile) {
   TileList list;
   list.splats = frame.splats.data();
   list.entries = frame.entries.data() + frame.tile_begin[tile];
@@ -274,7 +274,7 @@ void render_backward(const Scene& scene, const Settings& settings, Frame& frame,
   }
 }
 
-std::uint64_t count_pairs(const Settings& settings, const Frame& frame) {
+std::uint64_t count_pairs(const Settings& settings, Frame& frame) {
   std::uint64_t pairs = 0;
   for (std::size_t tile = 0; tile < static_cast<std::size_t>(frame.tiles()); ++tile) {
     BackwardTile work{};

@@ -16,6 +16,6 @@ void render_backward(const Scene& scene, const Settings& settings, Frame& frame,
                      const SceneGradient& gradient);
 
 // The contributions of a Gaussian to a pixel that render() added.
-std::uint64_t count_pairs(const Settings& settings, const Frame& frame);
+std::uint64_t count_pairs(const Settings& settings, Frame& frame);
 
 }  // namespace aa4d
