@@ -12,7 +12,10 @@ namespace aa4d {
 namespace {
 
 constexpr std::size_t kMaxSlots = std::size_t{1} << 31;  // slots are counted in 32 bits
+constexpr std::size_t kBinChunk = 2048;  // Gaussians; larger than kChunk because each chunk counts every tile
 constexpr int kPrefetch = 8;
+
+std::size_t bin_chunks(const Frame& frame) { return (frame.order.size() + kBinChunk - 1) / kBinChunk; }
 
 // Stable radix sort of the seen Gaussians by the bits of their depth: positive floats order like integers. Equal depths
 // stay in the order of their indices.
@@ -80,15 +83,16 @@ void append_tiles(const Frame& frame, std::size_t g, Buffer<TouchedTile>& touche
   }
 }
 
-// The tiles that each seen Gaussian touches, in the order of depth.
+// The tiles that each seen Gaussian touches, in the order of depth, and how often each chunk of that order touches each.
 void find_tiles(Frame& frame, std::int32_t* radii, int threads) {
-  const std::size_t seen = frame.order.size(), chunks = (seen + kChunk - 1) / kChunk;
+  const std::size_t seen = frame.order.size(), tiles = frame.tiles();
   frame.touched_count.resize_discarding(seen);
-  frame.touched.resize(std::max(frame.touched.size(), chunks));
-  parallel_for(threads, chunks, [&](std::size_t chunk) {
+  frame.touched.resize(std::max(frame.touched.size(), bin_chunks(frame)));
+  frame.histogram.resize_discarding(bin_chunks(frame) * tiles);
+  parallel_for(threads, bin_chunks(frame), [&](std::size_t chunk) {
     Buffer<TouchedTile>& touched = frame.touched[chunk];
     touched.clear();
-    for (std::size_t i = chunk * kChunk; i < std::min(seen, (chunk + 1) * kChunk); ++i) {
+    for (std::size_t i = chunk * kBinChunk; i < std::min(seen, (chunk + 1) * kBinChunk); ++i) {
       if (i + kPrefetch < seen) {
         const std::uint32_t next = static_cast<std::uint32_t>(frame.order[i + kPrefetch]);
         __builtin_prefetch(&frame.splats[next]);
@@ -100,54 +104,43 @@ void find_tiles(Frame& frame, std::int32_t* radii, int threads) {
       frame.touched_count[i] = static_cast<std::uint32_t>(touched.size() - before);
       if (frame.touched_count[i] == 0) radii[g] = 0;
     }
+    std::uint32_t* const count = frame.histogram.data() + chunk * tiles;
+    std::fill_n(count, tiles, 0u);
+    for (std::size_t i = 0; i < touched.size(); ++i) ++count[touched[i].tile];
   });
 }
 
-// Deals the Gaussians out to their tiles in the order of depth. Each part of that order counts on its own, so that all
-// parts can deal at the same time into the places that a serial run would have used.
+// Deals the Gaussians out to their tiles in the order of depth. Every chunk of that order knows its places from the
+// counts of those before it, so that all chunks can deal at the same time and the lists come out as from a serial run.
 void deal_to_tiles(Frame& frame, int threads) {
-  const std::size_t tiles = frame.tiles(), seen = frame.order.size(), chunks = (seen + kChunk - 1) / kChunk;
-  constexpr std::size_t kWorthSplitting = 8;  // chunks
-  const std::size_t parts = std::clamp<std::size_t>(chunks / kWorthSplitting, 1, threads);
-  const auto first_chunk = [&](std::size_t part) { return chunks * part / parts; };
-  frame.histogram.resize_discarding(parts * tiles);
-  parallel_for(threads, parts, [&](std::size_t part) {
-    std::uint32_t* const count = frame.histogram.data() + part * tiles;
-    std::fill_n(count, tiles, 0u);
-    for (std::size_t chunk = first_chunk(part); chunk < first_chunk(part + 1); ++chunk) {
-      const Buffer<TouchedTile>& touched = frame.touched[chunk];
-      for (std::size_t i = 0; i < touched.size(); ++i) ++count[touched[i].tile];
-    }
-  });
-
+  const std::size_t tiles = frame.tiles(), seen = frame.order.size(), chunks = bin_chunks(frame);
+  frame.chunk_slots.resize_discarding(chunks);
   std::size_t slots = 0;
-  for (std::size_t chunk = 0; chunk < chunks; ++chunk) slots += frame.touched[chunk].size();
-  if (slots > kMaxSlots) {
-    throw std::length_error("the Gaussians touch more than 2^31 tiles in sum: draw fewer or smaller ones");
+  for (std::size_t chunk = 0; chunk < chunks; ++chunk) {
+    frame.chunk_slots[chunk] = static_cast<std::uint32_t>(slots);
+    slots += frame.touched[chunk].size();
+    if (slots > kMaxSlots) {
+      throw std::length_error("the Gaussians touch more than 2^31 tiles in sum: draw fewer or smaller ones");
+    }
   }
   frame.entries.resize_discarding(slots);
   frame.tile_begin.resize_discarding(tiles + 1);
   std::uint32_t sum = 0;
   for (std::size_t tile = 0; tile < tiles; ++tile) {
     frame.tile_begin[tile] = sum;
-    for (std::size_t part = 0; part < parts; ++part) sum += std::exchange(frame.histogram[part * tiles + tile], sum);
+    for (std::size_t chunk = 0; chunk < chunks; ++chunk) sum += std::exchange(frame.histogram[chunk * tiles + tile], sum);
   }
   frame.tile_begin[tiles] = sum;
 
-  parallel_for(threads, parts, [&](std::size_t part) {
-    std::uint32_t* const place = frame.histogram.data() + part * tiles;
-    std::uint32_t slot = 0;
-    for (std::size_t chunk = 0; chunk < first_chunk(part); ++chunk) {
-      slot += static_cast<std::uint32_t>(frame.touched[chunk].size());
-    }
-    for (std::size_t chunk = first_chunk(part); chunk < first_chunk(part + 1); ++chunk) {
-      const TouchedTile* touched = frame.touched[chunk].data();
-      for (std::size_t i = chunk * kChunk; i < std::min(seen, (chunk + 1) * kChunk); ++i) {
-        const std::uint32_t g = static_cast<std::uint32_t>(frame.order[i]), count = frame.touched_count[i];
-        frame.slots[g] = {slot, slot + count};
-        for (std::uint32_t k = 0; k < count; ++k, ++touched) {
-          frame.entries[place[touched->tile]++] = {g, touched->quarters, slot++, {}};
-        }
+  parallel_for(threads, chunks, [&](std::size_t chunk) {
+    std::uint32_t* const place = frame.histogram.data() + chunk * tiles;
+    const TouchedTile* touched = frame.touched[chunk].data();
+    std::uint32_t slot = frame.chunk_slots[chunk];
+    for (std::size_t i = chunk * kBinChunk; i < std::min(seen, (chunk + 1) * kBinChunk); ++i) {
+      const std::uint32_t g = static_cast<std::uint32_t>(frame.order[i]), count = frame.touched_count[i];
+      frame.slots[g] = {slot, slot + count};
+      for (std::uint32_t k = 0; k < count; ++k, ++touched) {
+        frame.entries[place[touched->tile]++] = {g, touched->quarters, slot++, {}};
       }
     }
   });

@@ -83,7 +83,8 @@ struct Frame {
   Buffer<std::uint64_t> order, order_other;  // seen Gaussians near to far: depth in the upper, index in the lower half
   Buffer<std::uint32_t> touched_count;       // [seen] how many tiles each of them touches
   std::vector<Buffer<TouchedTile>> touched;  // per chunk of that order: those tiles, one after another
-  Buffer<std::uint32_t> histogram;
+  Buffer<std::uint32_t> histogram;           // of digits while sorting, then of tiles for each chunk
+  Buffer<std::uint32_t> chunk_slots;         // each chunk's first slot
   Buffer<SplatGradient> gradients;    // [slots]
   Buffer<float> feature_gradients;    // [slots, F]
   Buffer<double> partial_sums;        // per tile or chunk
