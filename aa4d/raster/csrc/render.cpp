@@ -208,6 +208,7 @@ const Kernels& kernels() {
     const char* const wanted = std::getenv("AA4D_SIMD");
     const std::string name = wanted ? wanted : "";
 #if defined(__x86_64__)
+    __builtin_cpu_init();
     const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
                         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
     const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
