@@ -122,6 +122,8 @@ def test_every_instruction_set_agrees(set_name: str, subprocess_python: Any) -> 
         f"assert _native.instruction_set() == {set_name!r}\n"
         "gaussians = random_gaussians(150, 4, features=3)\n"
         "assert_matches_reference(gaussians, camera(), depth=True, absolute_gradient=True)\n"
+        "layers = one_gaussian(means=[[0, 0, 3 + 1e-3 * i] for i in range(1500)], opacities=[0.05])\n"
+        "assert_matches_reference(layers, straight_camera(), 1e-5, 3e-5, depth=True)\n"
     )
     result = subprocess_python(code, AA4D_SIMD=set_name)
     if f"AA4D_SIMD={set_name}: this machine has no such kernels" in result.stderr:
