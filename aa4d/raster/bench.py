@@ -65,7 +65,7 @@ class Row:
     bound_fraction_backward: float
     thread_speedup: float | None  # of forward and backward together, against one thread
     reference_ratio: float | None  # how many times longer the torch reference takes, forward and backward together
-    peak_mib: float  # resident memory above that of the process before
+    peak_mib: float  # resident memory at its highest, above that of the process before the first scene
 
 
 def bench(
@@ -73,10 +73,10 @@ def bench(
 ) -> list[dict[str, object]]:
     """Measure scenes, print a table, and return (and write to `json_path`) one row for each."""
     console = console or Console()
-    rows = []
+    rows, before = [], _memory_mib("VmRSS")
     for scene in scenes:
-        with console.status(f"{scene.gaussians} Gaussians at {scene.width}x{scene.height}"):
-            rows.append(measure(scene, repeats))
+        with console.status(_name(scene)):
+            rows.append(measure(scene, repeats, before))
     console.print(_speed_table(rows))
     result = [asdict(row) for row in rows]
     if json_path is not None:
@@ -121,7 +121,7 @@ def bench_precision(repeats: int = 7, console: Console | None = None) -> None:
 
 def bench_scaling(repeats: int = 7, console: Console | None = None) -> None:
     """Fit time = a pairs + b Gaussians + c over scenes that differ in both, and print how well it fits."""
-    rows = [measure(scene, repeats, single_thread=False) for scene in SCALING]
+    rows = [measure(scene, repeats, _memory_mib("VmRSS"), single_thread=False) for scene in SCALING]
     inputs = torch.tensor([[row.pairs, row.gaussians, 1.0] for row in rows], dtype=torch.float64)
     table = Table(title=f"Linear fit over {len(rows)} scenes, {rows[0].threads} threads")
     for column in ("pass", "ns per pair", "ns per Gaussian", "ms per image", "R^2", "largest deviation"):
@@ -168,18 +168,17 @@ def random_scene(scene: Scene, seed: int = 0) -> tuple[Gaussians, Camera]:
     return gaussians, Camera(torch.eye(4), K, scene.width, scene.height)
 
 
-def measure(scene: Scene, repeats: int, single_thread: bool = True) -> Row:
+def measure(scene: Scene, repeats: int, before_mib: float, single_thread: bool = True) -> Row:
     """Time one scene, forward and backward, with as many threads as torch has, and with one."""
     gc.collect()
     _reset_peak()
-    before = _memory_mib("VmRSS")
     gaussians, camera = random_scene(scene)
     frame, _ = draw(gaussians, camera, torch.zeros(3), Options())
     pairs = frame.count_pairs()
     del frame
     threads = torch.get_num_threads()
     forward, backward = _time(gaussians, camera, "native", repeats)
-    peak = _memory_mib("VmHWM") - before
+    peak = _memory_mib("VmHWM") - before_mib
     bound_forward, bound_backward = (_arithmetic_seconds(is_backward, pairs) for is_backward in (False, True))
     speedup = None
     if single_thread and threads > 1:
