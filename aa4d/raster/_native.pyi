@@ -1,47 +1,58 @@
 from torch import Tensor
 
-class Frame: ...
+class Scene:
+    def __init__(
+        self,
+        means: Tensor,
+        quaternions: Tensor,
+        scales: Tensor,
+        opacities: Tensor,
+        colors: Tensor,
+        features: Tensor | None,
+        background: Tensor,
+    ) -> None: ...
+
+class PinholeCamera:
+    def __init__(self, viewmat: Tensor, K: Tensor, width: int, height: int, near: float) -> None: ...
+
+class Settings:
+    def __init__(
+        self, min_alpha: float, min_transmittance: float, antialiased: bool, mask_invalid: bool, threads: int
+    ) -> None: ...
+
+class Frame:
+    def count_pairs(self) -> int: ...
 
 def forward(
-    means: Tensor,
-    quaternions: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmat: Tensor,
-    K: Tensor,
-    near: float,
-    background: Tensor,
-    min_alpha: float,
-    min_transmittance: float,
-    threads: int,
+    scene: Scene,
+    camera: PinholeCamera,
+    settings: Settings,
     color: Tensor,
     alpha: Tensor,
     depth: Tensor | None,
+    features: Tensor | None,
     radii: Tensor,
-) -> Frame: ...
+) -> Frame | None: ...
 def backward(
     frame: Frame,
-    means: Tensor,
-    quaternions: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    background: Tensor,
-    min_alpha: float,
-    min_transmittance: float,
+    scene: Scene,
     threads: int,
-    color_gradient: Tensor | None,
-    alpha_gradient: Tensor | None,
-    depth_gradient: Tensor | None,
+    color: Tensor | None,
+    alpha: Tensor | None,
     depth: Tensor | None,
+    depth_value: Tensor | None,
+    features: Tensor | None,
     d_means: Tensor,
     d_quaternions: Tensor,
     d_scales: Tensor,
     d_opacities: Tensor,
     d_colors: Tensor,
     d_background: Tensor,
-    screen_gradient: Tensor,
+    screen: Tensor,
+    screen_absolute: Tensor | None,
+    d_features: Tensor | None,
+    d_viewmat: Tensor | None,
 ) -> None: ...
+def arithmetic(backward: bool, pairs: int, threads: int) -> float: ...
 def instruction_set() -> str: ...
 def constants() -> dict[str, float]: ...

@@ -8,12 +8,18 @@ from typing import Literal
 
 from torch import Tensor
 
-from aa4d.raster.types import Camera, Gaussians, Rendering
+from aa4d.raster.checks import check_camera, check_shapes
+from aa4d.raster.types import Camera, Gaussians, Options, Rendering
 
-Backend = Literal["auto", "native", "reference"]
+Backend = Literal["auto", "native", "gsplat", "reference"]
+Rasterizer = Callable[[Gaussians, Camera, Tensor, Options], Rendering]
 
-# name: module that has rasterize(gaussians, camera, background, depth) -> Rendering. Imported on first use.
-_BACKENDS = {"native": "aa4d.raster.native", "reference": "aa4d.raster.reference"}
+# Modules with a function `rasterize`, imported on first use.
+_BACKENDS = {
+    "native": "aa4d.raster.native",
+    "gsplat": "aa4d.raster.gsplat",
+    "reference": "aa4d.raster.reference",
+}
 
 
 def rasterize(
@@ -22,42 +28,36 @@ def rasterize(
     *,
     background: Tensor,  # [3]
     depth: bool = False,
+    absolute_gradient: bool = False,
+    mode: Literal["classic", "antialiased"] = "classic",
+    precision: Literal["fast", "exact"] = "fast",
+    mask_invalid: bool = False,
     backend: Backend = "auto",
 ) -> Rendering:
-    """Draw Gaussians over a background; differentiable with respect to every tensor of both.
+    """Draw Gaussians over a background; differentiable with respect to all of them, background and `camera.viewmat`.
 
     Args:
-        gaussians: N Gaussians, N may be zero.
+        gaussians: N Gaussians, N may be zero. `Gaussians.features` are drawn where there are any.
         camera: a pinhole camera.
         background: [3] colour behind everything, sRGB in [0, 1].
-        depth: whether `Rendering.depth` is wanted.
-        backend: "native" (C++ on the CPU), "reference" (plain torch, any dtype, slow), or "auto": native.
+        depth, absolute_gradient, mode, precision, mask_invalid: see `Options`.
+        backend: "native" (C++ on the CPU), "gsplat" (CUDA), "reference" (plain torch, any dtype, slow), or "auto":
+            native or gsplat, after the device of `gaussians.means`.
 
     Raises:
-        ValueError: a tensor has the wrong shape, or the back end is unknown.
+        ValueError: a tensor has the wrong shape or holds a NaN or an infinity, or an option is unknown.
+        ModuleNotFoundError: the back end needs a package that is not installed.
     """
-    name = "native" if backend == "auto" else backend
-    if name not in _BACKENDS:
-        raise ValueError(f"unknown rasteriser back end {backend!r}: use auto, {', '.join(_BACKENDS)}")
-    _check_shapes(gaussians, camera, background)
-    run: Callable[[Gaussians, Camera, Tensor, bool], Rendering] = import_module(_BACKENDS[name]).rasterize
-    return run(gaussians, camera, background, depth)
-
-
-def _check_shapes(gaussians: Gaussians, camera: Camera, background: Tensor) -> None:
-    count = gaussians.means.shape[0] if gaussians.means.dim() else 0
-    expected = {
-        "means": (gaussians.means, (count, 3)),
-        "quaternions": (gaussians.quaternions, (count, 4)),
-        "scales": (gaussians.scales, (count, 3)),
-        "opacities": (gaussians.opacities, (count,)),
-        "colors": (gaussians.colors, (count, 3)),
-        "viewmat": (camera.viewmat, (4, 4)),
-        "K": (camera.K, (3, 3)),
-        "background": (background, (3,)),
-    }
-    for name, (tensor, shape) in expected.items():
-        if tuple(tensor.shape) != shape:
-            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected {shape}")
-    if camera.width < 1 or camera.height < 1:
-        raise ValueError(f"the image has {camera.width} x {camera.height} pixels, expected at least 1 x 1")
+    if backend == "auto":
+        backend = "gsplat" if gaussians.means.is_cuda else "native"
+    for name, value, known in (
+        ("backend", backend, tuple(_BACKENDS)),
+        ("mode", mode, ("classic", "antialiased")),
+        ("precision", precision, ("fast", "exact")),
+    ):
+        if value not in known:
+            raise ValueError(f"{name} is {value!r}, expected one of {', '.join(known)}")
+    check_shapes(gaussians, camera, background)
+    check_camera(camera, background)
+    run: Rasterizer = import_module(_BACKENDS[backend]).rasterize
+    return run(gaussians, camera, background, Options(depth, absolute_gradient, mode, precision, mask_invalid))

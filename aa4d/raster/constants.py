@@ -2,7 +2,7 @@
 
 DILATION = 0.3  # added to both diagonals of the projected covariance, px^2 (EWA's low-pass filter)
 MAX_ALPHA = 0.99  # keeps 1 - alpha away from zero; no gradient passes where it binds
-MIN_ALPHA = 1 / 255  # a fainter contribution is skipped
-MIN_TRANSMITTANCE = 1e-4  # a pixel is finished before it would fall to this
 FRUSTUM_MARGIN = 0.3  # how far outside the image, in half fields of view, the Jacobian follows x / z
 MIN_QUATERNION_NORM = 1e-12  # a shorter quaternion turns less and less: zero means no rotation
+MIN_COMPENSATION = 0.005  # of opacity, in the antialiased mode
+MAX_FEATURES = 32  # channels beside colour and depth

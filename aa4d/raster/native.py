@@ -1,4 +1,4 @@
-"""The C++ rasteriser behind torch's autograd. Computes in float32 (projection in float64) whatever it is given."""
+"""The C++ rasteriser behind torch's autograd. Blends in float32 and projects in float64 whatever dtype it is given."""
 
 from __future__ import annotations
 
@@ -9,29 +9,80 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from aa4d.raster import _native
-from aa4d.raster.constants import MIN_ALPHA, MIN_TRANSMITTANCE
-from aa4d.raster.types import Camera, Gaussians, Rendering
+from aa4d.raster.checks import check_gaussians
+from aa4d.raster.cutoffs import CUTOFFS
+from aa4d.raster.types import Camera, Gaussians, Options, Rendering
 
 
-def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, depth: bool) -> Rendering:
+def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options: Options) -> Rendering:
     """See `aa4d.raster.rasterize`."""
-    screen_gradient = torch.zeros(gaussians.means.shape[0])
-    color, alpha, depth_map, radii = _Rasterize.apply(
+    count = len(gaussians.means)
+    screen = torch.zeros(count)
+    screen_absolute = torch.zeros(count) if options.absolute_gradient else None
+    color, alpha, depth, features, radii = _Rasterize.apply(
         gaussians.means,
         gaussians.quaternions,
         gaussians.scales,
         gaussians.opacities,
         gaussians.colors,
+        gaussians.features,
         background,
+        camera.viewmat,
         camera,
-        depth,
-        screen_gradient,
+        options,
+        screen,
+        screen_absolute,
     )
-    return Rendering(color, alpha, depth_map, radii, screen_gradient)
+    return Rendering(color, alpha, depth, radii, screen, screen_absolute, features)
 
 
-def _plain(tensor: Tensor) -> Tensor:
-    return tensor.detach().to("cpu", torch.float32).contiguous()
+def draw(gaussians: Gaussians, camera: Camera, background: Tensor, options: Options) -> tuple[_native.Frame, Rendering]:
+    """Render plain float32 tensors, without gradients, and keep the frame for `_native.backward`."""
+    count, size = len(gaussians.means), (camera.height, camera.width)
+    features = gaussians.features
+    image = Rendering(
+        color=torch.empty(*size, 3),
+        alpha=torch.empty(size),
+        depth=torch.empty(size) if options.depth else None,
+        radii=torch.empty(count, dtype=torch.int32),
+        screen_gradient=torch.empty(0),
+        features=None if features is None else torch.empty(*size, features.shape[1]),
+    )
+    cutoffs = CUTOFFS[options.precision]
+    frame = _native.forward(
+        _scene(gaussians, background),
+        _native.PinholeCamera(
+            _plain(camera.viewmat, torch.float64),
+            _plain(camera.K, torch.float64),
+            camera.width,
+            camera.height,
+            camera.near,
+        ),
+        _native.Settings(
+            cutoffs.alpha,
+            cutoffs.transmittance,
+            options.mode == "antialiased",
+            options.mask_invalid,
+            torch.get_num_threads(),
+        ),
+        image.color,
+        image.alpha,
+        image.depth,
+        image.features,
+        image.radii,
+    )
+    if frame is None:
+        check_gaussians(gaussians)
+        raise AssertionError("the native rasteriser met a number that is not finite, and no tensor has one")
+    return frame, image
+
+
+def _scene(g: Gaussians, background: Tensor) -> _native.Scene:
+    return _native.Scene(g.means, g.quaternions, g.scales, g.opacities, g.colors, g.features, background)
+
+
+def _plain(tensor: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
+    return tensor.detach().to("cpu", dtype).contiguous()
 
 
 class _Rasterize(torch.autograd.Function):
@@ -43,65 +94,69 @@ class _Rasterize(torch.autograd.Function):
         scales: Tensor,
         opacities: Tensor,
         colors: Tensor,
+        features: Tensor | None,
         background: Tensor,
+        viewmat: Tensor,
         camera: Camera,
-        depth: bool,
-        screen_gradient: Tensor,
-    ) -> tuple[Tensor, Tensor, Tensor | None, Tensor]:
-        inputs = _plain(means), _plain(quaternions), _plain(scales), _plain(opacities), _plain(colors)
-        behind = background.detach().to("cpu", torch.float64).contiguous()
-        size = (camera.height, camera.width)
-        color, alpha = torch.empty(*size, 3), torch.empty(size)
-        depth_map = torch.empty(size) if depth else None
-        radii = torch.empty(means.shape[0], dtype=torch.int32)
-        ctx.frame = _native.forward(
-            *inputs,
-            viewmat=camera.viewmat.detach().to("cpu", torch.float64).contiguous(),
-            K=camera.K.detach().to("cpu", torch.float64).contiguous(),
-            near=camera.near,
-            background=behind,
-            min_alpha=MIN_ALPHA,
-            min_transmittance=MIN_TRANSMITTANCE,
-            threads=torch.get_num_threads(),
-            color=color,
-            alpha=alpha,
-            depth=depth_map,
-            radii=radii,
-        )
-        ctx.save_for_backward(*inputs, behind, depth_map)
-        ctx.screen_gradient = screen_gradient
-        ctx.dtypes = [tensor.dtype for tensor in (means, quaternions, scales, opacities, colors, background)]
+        options: Options,
+        screen: Tensor,
+        screen_absolute: Tensor | None,
+    ) -> tuple[Tensor | None, ...]:
+        inputs = (means, quaternions, scales, opacities, colors, features, background, viewmat)
+        plain = [None if tensor is None else _plain(tensor) for tensor in inputs]
+        frame, image = draw(Gaussians(*plain[:6]), camera, plain[6], options)  # type: ignore[arg-type]
+        ctx.frame, ctx.screen, ctx.screen_absolute = frame, screen, screen_absolute
+        ctx.save_for_backward(*plain[:7], image.depth)
+        ctx.inputs_like = [None if tensor is None else (tensor.device, tensor.dtype) for tensor in inputs]
         ctx.set_materialize_grads(False)
-        ctx.mark_non_differentiable(radii)
-        return color, alpha, depth_map, radii
+        ctx.mark_non_differentiable(image.radii)
+        return image.color, image.alpha, image.depth, image.features, image.radii
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, d_color: Tensor | None, d_alpha: Tensor | None, d_depth: Tensor | None, _: None) -> Any:
-        means, quaternions, scales, opacities, colors, background, depth_map = ctx.saved_tensors
-        gradients = [torch.empty_like(tensor) for tensor in (means, quaternions, scales, opacities, colors, background)]
-        d_means, d_quaternions, d_scales, d_opacities, d_colors, d_background = gradients
-        _native.backward(
-            frame=ctx.frame,
-            means=means,
-            quaternions=quaternions,
-            scales=scales,
-            opacities=opacities,
-            colors=colors,
-            background=background,
-            min_alpha=MIN_ALPHA,
-            min_transmittance=MIN_TRANSMITTANCE,
-            threads=torch.get_num_threads(),
-            color_gradient=None if d_color is None else _plain(d_color),
-            alpha_gradient=None if d_alpha is None else _plain(d_alpha),
-            depth_gradient=None if d_depth is None else _plain(d_depth),
-            depth=depth_map,
-            d_means=d_means,
-            d_quaternions=d_quaternions,
-            d_scales=d_scales,
-            d_opacities=d_opacities,
-            d_colors=d_colors,
-            d_background=d_background,
-            screen_gradient=ctx.screen_gradient,
+    def backward(
+        ctx: Any,
+        d_color: Tensor | None,
+        d_alpha: Tensor | None,
+        d_depth: Tensor | None,
+        d_features: Tensor | None,
+        _d_radii: None,
+    ) -> tuple[Tensor | None, ...]:
+        means, quaternions, scales, opacities, colors, features, background, depth = ctx.saved_tensors
+        gaussians = Gaussians(means, quaternions, scales, opacities, colors, features)
+        gradient = Gaussians(
+            torch.empty_like(means),
+            torch.empty_like(quaternions),
+            torch.empty_like(scales),
+            torch.empty_like(opacities),
+            torch.empty_like(colors),
+            None if d_features is None else torch.empty_like(features),
         )
-        return *(gradient.to(dtype) for gradient, dtype in zip(gradients, ctx.dtypes, strict=True)), None, None, None
+        background_gradient = torch.empty_like(background)
+        viewmat_gradient = torch.empty(4, 4) if ctx.needs_input_grad[7] else None
+        _native.backward(
+            ctx.frame,
+            _scene(gaussians, background),
+            torch.get_num_threads(),
+            color=None if d_color is None else _plain(d_color),
+            alpha=None if d_alpha is None else _plain(d_alpha),
+            depth=None if d_depth is None else _plain(d_depth),
+            depth_value=depth,
+            features=None if d_features is None else _plain(d_features),
+            d_means=gradient.means,
+            d_quaternions=gradient.quaternions,
+            d_scales=gradient.scales,
+            d_opacities=gradient.opacities,
+            d_colors=gradient.colors,
+            d_background=background_gradient,
+            screen=ctx.screen,
+            screen_absolute=ctx.screen_absolute,
+            d_features=gradient.features,
+            d_viewmat=viewmat_gradient,
+        )
+        gradients = (*vars(gradient).values(), background_gradient, viewmat_gradient)
+        results = [
+            None if tensor is None else tensor.to(*like)
+            for tensor, like in zip(gradients, ctx.inputs_like, strict=True)
+        ]
+        return *results, None, None, None, None

@@ -12,15 +12,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from aa4d.raster.constants import (
-    DILATION,
-    FRUSTUM_MARGIN,
-    MAX_ALPHA,
-    MIN_ALPHA,
-    MIN_QUATERNION_NORM,
-    MIN_TRANSMITTANCE,
-)
-from aa4d.raster.types import Camera, Gaussians, Rendering
+from aa4d.raster.checks import check_gaussians, finite
+from aa4d.raster.constants import DILATION, FRUSTUM_MARGIN, MAX_ALPHA, MIN_COMPENSATION, MIN_QUATERNION_NORM
+from aa4d.raster.cutoffs import CUTOFFS, Cutoffs
+from aa4d.raster.types import Camera, Gaussians, Options, Rendering
 
 _TILE = 32  # pixels; bounds the memory and changes nothing else
 
@@ -32,68 +27,104 @@ class Projected:
     index: Tensor  # [M] which Gaussian
     centers: Tensor  # [M, 2] pixels
     covariances: Tensor  # [M, 2, 2] dilated, px^2
+    determinants: Tensor  # [M] of the covariances
     depths: Tensor  # [M]
-    opacities: Tensor  # [M]
-    radii: Tensor  # [M] int32, pixels to where alpha falls to the cut-off
+    opacities: Tensor  # [M] compensated in the antialiased mode
+    reaches: Tensor  # [M] d^T covariance^-1 d at which alpha falls to the cut-off
+
+    def only(self, which: Tensor) -> Projected:
+        return Projected(**{name: value[which] for name, value in vars(self).items()})
 
 
-def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, depth: bool) -> Rendering:
-    """See `aa4d.raster.rasterize`."""
-    count = gaussians.means.shape[0]
-    projected = project(gaussians, camera)
-    screen_gradient = gaussians.means.new_zeros(count)
-    centers = projected.centers
-    if centers.requires_grad:
-        half = centers.new_tensor([camera.width / 2, camera.height / 2])
+class ScreenGradient:
+    """Collects the gradients of the projected centres while autograd walks back: see `Rendering`."""
 
-        def fill(grad: Tensor) -> None:
-            screen_gradient[projected.index] = (grad * half).norm(dim=-1)
+    def __init__(self, camera: Camera, projected: Projected, count: int, absolute: bool) -> None:
+        self.norm = projected.centers.new_zeros(count)
+        self.absolute_norm = projected.centers.new_zeros(count) if absolute else None
+        self._half = projected.centers.new_tensor([camera.width / 2, camera.height / 2])
+        self._index = projected.index
+        self._absolute = projected.centers.new_zeros(count, 2)
+        if projected.centers.requires_grad:
+            projected.centers.register_hook(self._take_sum)
 
-        centers.register_hook(fill)
-    radii = torch.zeros(count, dtype=torch.int32, device=centers.device)
-    radii[projected.index] = projected.radii
+    def watch(self, index: Tensor, centers: Tensor) -> None:
+        """Follow the gradient of [P, m, 2], the centres as each pixel sees them."""
+        if self.absolute_norm is not None and centers.requires_grad:
+            centers.register_hook(lambda grad: self._take_pixels(index, grad))
 
-    channels = gaussians.colors[projected.index]
-    if depth:
-        channels = torch.cat([channels, projected.depths[:, None]], dim=-1)
+    def _take_pixels(self, index: Tensor, grad: Tensor) -> None:
+        self._absolute[index] += grad.abs().sum(dim=0)
+
+    def _take_sum(self, grad: Tensor) -> None:
+        self.norm[self._index] = (grad * self._half).norm(dim=-1)
+        if self.absolute_norm is not None:
+            self.absolute_norm.copy_((self._absolute * self._half).norm(dim=-1))
+            self._absolute.zero_()
+
+
+def rasterize(
+    gaussians: Gaussians, camera: Camera, background: Tensor, options: Options, cutoffs: Cutoffs | None = None
+) -> Rendering:
+    """See `aa4d.raster.rasterize`; `cutoffs` replaces those of `options.precision`."""
+    if not options.mask_invalid:
+        check_gaussians(gaussians)
+    cutoffs = cutoffs or CUTOFFS[options.precision]
+    projected = project(gaussians, camera, options.mode == "antialiased", cutoffs)
+    count = len(gaussians.means)
+    screen = ScreenGradient(camera, projected, count, options.absolute_gradient)
+
+    # Everything that is blended, in one tensor: colour, weight, depth, features.
+    colors, features = gaussians.colors[projected.index], gaussians.features
+    channels = [colors, torch.ones_like(colors[:, :1]), projected.depths[:, None]]
+    if features is not None:
+        channels.append(features[projected.index])
+    values = torch.cat(channels, dim=-1)
     rows = []
     for top in range(0, camera.height, _TILE):
+        bottom = min(top + _TILE, camera.height)
         row = []
         for left in range(0, camera.width, _TILE):
-            bottom, right = min(top + _TILE, camera.height), min(left + _TILE, camera.width)
-            y = torch.arange(top, bottom, dtype=centers.dtype, device=centers.device) + 0.5
-            x = torch.arange(left, right, dtype=centers.dtype, device=centers.device) + 0.5
-            pixels = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
-            near = reaches(projected, left, top, right, bottom)
-            weights, transmittance = blend(projected, near, pixels.reshape(-1, 2))
-            values = torch.cat([weights @ channels[near], transmittance[:, None]], dim=-1)
-            row.append(values.reshape(bottom - top, right - left, -1))
+            right = min(left + _TILE, camera.width)
+            y = torch.arange(top, bottom, dtype=values.dtype, device=values.device) + 0.5
+            x = torch.arange(left, right, dtype=values.dtype, device=values.device) + 0.5
+            pixels = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1).reshape(-1, 2)
+            near = touches(projected, left, top, right, bottom)
+            weights, transmittance = blend(projected.only(near), pixels, cutoffs, screen)
+            blended = torch.cat([weights @ values[near], transmittance[:, None]], dim=-1)
+            row.append(blended.reshape(bottom - top, right - left, -1))
         rows.append(torch.cat(row, dim=1))
     image = torch.cat(rows, dim=0)
 
-    transmittance = image[..., -1]
-    alpha = 1 - transmittance
-    color = image[..., :3] + transmittance[..., None] * background
-    depth_map = None
-    if depth:
-        covered = alpha > 0
-        depth_map = torch.where(covered, image[..., 3] / torch.where(covered, alpha, 1), 0)
-    return Rendering(color, alpha, depth_map, radii, screen_gradient)
+    weight, transmittance = image[..., 3], image[..., -1]
+    radii = torch.zeros(count, dtype=torch.int32, device=values.device)
+    radii[projected.index] = extents(projected)
+    return Rendering(
+        color=image[..., :3] + transmittance[..., None] * background,
+        alpha=1 - transmittance,
+        depth=torch.where(weight > 0, image[..., 4] / torch.where(weight > 0, weight, 1), 0) if options.depth else None,
+        radii=radii,
+        screen_gradient=screen.norm,
+        screen_gradient_absolute=screen.absolute_norm,
+        features=None if features is None else image[..., 5:-1],
+    )
 
 
-def project(gaussians: Gaussians, camera: Camera) -> Projected:
-    """The Gaussians that reach the image, on the screen.
+def project(gaussians: Gaussians, camera: Camera, antialiased: bool, cutoffs: Cutoffs) -> Projected:
+    """The Gaussians that reach the image, on the screen; those that are not finite are left out.
 
     The centre goes through the pinhole; the covariance through the projection's Jacobian at the centre, whose x / z and
     y / z are clamped a little outside the image, then gets the low-pass filter's `DILATION`.
     """
     rotation, translation = camera.viewmat[:3, :3], camera.viewmat[:3, 3]
-    index = torch.arange(gaussians.means.shape[0], device=gaussians.means.device)
-    in_camera = gaussians.means @ rotation.T + translation
-    index = index[(in_camera[:, 2] >= camera.near) & (gaussians.opacities >= MIN_ALPHA)]
-    index = index[torch.argsort(in_camera[index, 2].detach(), stable=True)]
-    x, y, z = in_camera[index].unbind(-1)
-    fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
+    rotation, translation = rotation.to(gaussians.means), translation.to(gaussians.means)
+    index = finite(gaussians).nonzero()[:, 0]  # before anything is computed: zero times NaN would spoil the gradients
+    in_camera = gaussians.means[index] @ rotation.T + translation
+    order = torch.argsort(in_camera[:, 2].detach(), stable=True)
+    order = order[in_camera[order, 2] >= camera.near]
+    index, (x, y, z) = index[order], in_camera[order].unbind(-1)
+    K = camera.K.to(gaussians.means)
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
 
     margin_x, margin_y = FRUSTUM_MARGIN * camera.width / 2 / fx, FRUSTUM_MARGIN * camera.height / 2 / fy
     slope_x = torch.clamp(x / z, -(cx / fx + margin_x), (camera.width - cx) / fx + margin_x)
@@ -102,19 +133,30 @@ def project(gaussians: Gaussians, camera: Camera) -> Projected:
     jacobian = torch.stack(
         [torch.stack([fx / z, zero, -fx * slope_x / z], -1), torch.stack([zero, fy / z, -fy * slope_y / z], -1)], -2
     )
-    shape = jacobian @ rotation @ rotations(gaussians.quaternions[index]) * gaussians.scales[index, None, :]
-    covariances = shape @ shape.mT + DILATION * torch.eye(2, dtype=z.dtype, device=z.device)
-    centers = torch.stack([fx * x / z + cx, fy * y / z + cy], -1)
-    opacities = gaussians.opacities[index]
+    # The covariance's square root, [M, 2, 3]. Determinants come from its rows: a c - b^2 of a needle would cancel.
+    root = jacobian @ rotation @ rotations(gaussians.quaternions[index]) * gaussians.scales[index, None, :]
+    undilated = root @ root.mT
+    covariances = undilated + DILATION * torch.eye(2, dtype=z.dtype, device=z.device)
+    undilated_determinants = torch.linalg.cross(root[:, 0], root[:, 1]).square().sum(dim=-1)
+    trace = undilated.diagonal(dim1=-2, dim2=-1).sum(dim=-1)
+    determinants = undilated_determinants + DILATION * trace + DILATION**2
 
-    with torch.no_grad():
-        middle = (covariances[:, 0, 0] + covariances[:, 1, 1]) / 2
-        difference = (covariances[:, 0, 0] - covariances[:, 1, 1]) / 2
-        largest = middle + torch.hypot(difference, covariances[:, 0, 1])
-        radii = torch.ceil(torch.sqrt(2 * torch.log(opacities / MIN_ALPHA) * largest)).clamp(1, 1e9).to(torch.int32)
-    projected = Projected(index, centers, covariances, z, opacities, radii)
-    seen = reaches(projected, 0, 0, camera.width, camera.height)
-    return Projected(*(value[seen] for value in vars(projected).values()))
+    opacities = gaussians.opacities[index]
+    if antialiased:
+        # Mip-Splatting (Yu et al. 2024, equation 10): the dilation must not add opacity.
+        ratio = undilated_determinants / determinants
+        opacities = opacities * torch.sqrt(ratio.clamp(min=MIN_COMPENSATION**2))
+    projected = Projected(
+        index=index,
+        centers=torch.stack([fx * x / z + cx, fy * y / z + cy], -1),
+        covariances=covariances,
+        determinants=determinants,
+        depths=z,
+        opacities=opacities,
+        reaches=2 * torch.log(opacities.detach() / cutoffs.alpha),
+    )
+    projected = projected.only(projected.reaches >= 0)
+    return projected.only(touches(projected, 0, 0, camera.width, camera.height))
 
 
 def rotations(quaternions: Tensor) -> Tensor:
@@ -128,33 +170,52 @@ def rotations(quaternions: Tensor) -> Tensor:
     return torch.stack([torch.stack(row, -1) for row in rows], -2)
 
 
-def reaches(projected: Projected, left: int, top: int, right: int, bottom: int) -> Tensor:
-    """[M] whether the box around the ellipse alpha = MIN_ALPHA touches a rectangle of pixels."""
+def mahalanobis(projected: Projected, dx: Tensor, dy: Tensor) -> Tensor:
+    """d^T covariance^-1 d of offsets [..., M] from the centres, completed to squares: a needle cancels nothing."""
+    b, c = projected.covariances[:, 0, 1], projected.covariances[:, 1, 1]
+    return (dx - b / c * dy).square() * c / projected.determinants + dy.square() / c
+
+
+def touches(projected: Projected, left: int, top: int, right: int, bottom: int) -> Tensor:
+    """[M] whether the ellipse alpha = cut-off comes near the pixel centres of a rectangle.
+
+    The point of the rectangle that is nearest in the ellipse's measure lies on a side that faces the centre: on the
+    vertical one, at the best y for its x, or on the horizontal one, at the best x for its y.
+    """
+    slack = 0.01  # px: rounding must not lose a pixel
     with torch.no_grad():
-        reach = torch.sqrt(2 * torch.log(projected.opacities / MIN_ALPHA))
-        half = reach[:, None] * projected.covariances.diagonal(dim1=-2, dim2=-1).sqrt()
-        low = projected.centers.new_tensor([left, top])
-        high = projected.centers.new_tensor([right, bottom])
-        return ((projected.centers + half >= low) & (projected.centers - half <= high)).all(dim=-1)
+        x, y = projected.centers.unbind(-1)
+        x_low, x_high, y_low, y_high = left + 0.5 - x, right - 0.5 - x, top + 0.5 - y, bottom - 0.5 - y
+        x_low, x_high, y_low, y_high = x_low - slack, x_high + slack, y_low - slack, y_high + slack
+        x_side = torch.zeros_like(x).clamp(x_low, x_high)
+        y_side = torch.zeros_like(y).clamp(y_low, y_high)
+        a, b, c = projected.covariances[:, 0, 0], projected.covariances[:, 0, 1], projected.covariances[:, 1, 1]
+        vertical = mahalanobis(projected, x_side, (b / a * x_side).clamp(y_low, y_high))
+        horizontal = mahalanobis(projected, (b / c * y_side).clamp(x_low, x_high), y_side)
+        return torch.minimum(vertical, horizontal) <= projected.reaches
 
 
-def alphas(projected: Projected, which: Tensor, pixels: Tensor) -> Tensor:
-    """[P, m] opacity that each of the Gaussians `which` has at each pixel, before the clamp and the cut-off."""
-    (a, b), (_, c) = (row.unbind(-1) for row in projected.covariances[which].unbind(-2))
-    dx, dy = (pixels[:, None, :] - projected.centers[which]).unbind(-1)
-    # d^T cov^-1 d, completed to squares: no cancellation for a needle.
-    along = dx - b / c * dy
-    mahalanobis = along**2 / (a - b * b / c) + dy**2 / c
-    return projected.opacities[which] * torch.exp(-mahalanobis / 2)
+def extents(projected: Projected) -> Tensor:
+    """[M] int32 pixels from the centre to the farthest point of the ellipse alpha = cut-off."""
+    with torch.no_grad():
+        a, b, c = projected.covariances[:, 0, 0], projected.covariances[:, 0, 1], projected.covariances[:, 1, 1]
+        largest = (a + c) / 2 + torch.hypot((a - c) / 2, b)
+        return torch.ceil(torch.sqrt(projected.reaches * largest).clamp(max=1e9)).to(torch.int32)
 
 
-def blend(projected: Projected, which: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
-    """Weights [P, m] of the Gaussians `which` at each pixel, front to back, and the transmittance left behind [P]."""
-    alpha = alphas(projected, which, pixels)
-    alpha = torch.where(alpha >= MIN_ALPHA, alpha.clamp(max=MAX_ALPHA), 0)
+def blend(
+    projected: Projected, pixels: Tensor, cutoffs: Cutoffs, screen: ScreenGradient | None = None
+) -> tuple[Tensor, Tensor]:
+    """Weights [P, M] of Gaussians, near to far, at pixels [P, 2], and the transmittance left behind them [P]."""
+    centers = projected.centers.expand(len(pixels), -1, -1)
+    if screen is not None:
+        screen.watch(projected.index, centers)
+    dx, dy = (pixels[:, None, :] - centers).unbind(-1)
+    alpha = projected.opacities * torch.exp(-mahalanobis(projected, dx, dy) / 2)
+    alpha = torch.where(alpha >= cutoffs.alpha, alpha.clamp(max=MAX_ALPHA), 0)
     # A sum of logarithms: a product over thousands of opaque layers would fall to zero and take its gradient with it.
     layers = torch.log1p(-alpha)
     behind = torch.cumsum(layers, dim=-1)
-    adds = behind.detach().exp() > MIN_TRANSMITTANCE
+    adds = behind.detach().exp() > cutoffs.transmittance
     weights = torch.where(adds, alpha * torch.exp(behind - layers), 0)
     return weights, torch.exp(torch.where(adds, layers, 0).sum(dim=-1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from torch import Tensor
 
@@ -16,6 +17,7 @@ class Gaussians:
     scales: Tensor  # [N, 3] standard deviations along the Gaussian's own axes, positive
     opacities: Tensor  # [N] in [0, 1]
     colors: Tensor  # [N, 3] sRGB in [0, 1]
+    features: Tensor | None = None  # [N, F] anything else to draw, F at most 32
 
 
 @dataclass(frozen=True)
@@ -30,16 +32,37 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Options:
+    """How to draw. What is not asked for costs nothing.
+
+    `mode`: "antialiased" scales opacity so that the screen's low-pass filter adds none (Mip-Splatting, Yu et al. 2024).
+    `precision`: "fast" has gsplat's cut-offs, "exact" far tighter ones: docs/rasteriser.md says what each leaves out.
+    `absolute_gradient`: fill `Rendering.screen_gradient_absolute`.
+    `mask_invalid`: leave out a Gaussian that holds a NaN or an infinity, rather than refuse the scene.
+    """
+
+    depth: bool = False
+    absolute_gradient: bool = False
+    mode: Literal["classic", "antialiased"] = "classic"
+    precision: Literal["fast", "exact"] = "fast"
+    mask_invalid: bool = False
+
+
+@dataclass(frozen=True)
 class Rendering:
     """One image.
 
-    `radii` and `screen_gradient` are for densification: `radii` is zero where a Gaussian was culled, and
+    `radii` and the screen gradients are for densification: `radii` is zero where a Gaussian was culled, and
     `screen_gradient` is filled by the backward pass with the norm of the gradient with respect to the Gaussian's
     projected centre in normalised device units (pixel gradient times width / 2 and height / 2).
+    `screen_gradient_absolute` sums each component's absolute value over the pixels first (AbsGS, Ye et al. 2024).
+    A second backward pass overwrites both.
     """
 
     color: Tensor  # [H, W, 3], composited over the background
     alpha: Tensor  # [H, W]
-    depth: Tensor | None  # [H, W] expected depth_z: sum(w z) / sum(w); None unless asked for
+    depth: Tensor | None  # [H, W] expected depth_z: sum(w z) / sum(w), zero where nothing is; None unless asked for
     radii: Tensor  # [N] int32, pixels
     screen_gradient: Tensor  # [N]
+    screen_gradient_absolute: Tensor | None = None  # [N]; None unless asked for
+    features: Tensor | None = None  # [H, W, F] sum(w f); None if the Gaussians have none

@@ -2,72 +2,130 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 import torch
-from raster_scenes import camera, leaves, random_gaussians
-from torch import Tensor
+from raster_scenes import BACKGROUND, assert_matches_reference, camera, draw, leaves, random_gaussians
 
-from aa4d.raster import Camera, Gaussians, Rendering, _native, constants, rasterize
-
-
-def draw(gaussians: Gaussians, cam: Camera, backend: str, dtype: torch.dtype) -> tuple[Rendering, dict[str, Tensor]]:
-    """Render, and take the gradient of a random functional of colour, alpha and depth."""
-    generator = torch.Generator().manual_seed(5)
-    weights = torch.randn(cam.height, cam.width, 5, generator=generator, dtype=torch.float64)
-    inputs = leaves(gaussians, dtype)
-    background = torch.tensor([0.2, 0.5, 0.8], dtype=dtype, requires_grad=True)
-    image = rasterize(inputs, cam, background=background, depth=True, backend=backend)
-    values = torch.cat([image.color, image.alpha[..., None], image.depth[..., None]], -1)
-    (values.double() * weights).sum().backward()
-    gradients = {name: value.grad for name, value in vars(inputs).items()} | {"background": background.grad}
-    return image, gradients
-
-
-def relative_error(value: Tensor, truth: Tensor) -> float:
-    return float((value.double() - truth.double()).norm() / truth.double().norm())
+from aa4d.raster import Gaussians, _native, constants, rasterize
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_native_matches_reference(seed: int) -> None:
-    gaussians, cam = random_gaussians(200, seed), camera()
-    truth, truth_gradients = draw(gaussians, cam, "reference", torch.float64)
-    image, gradients = draw(gaussians, cam, "native", torch.float32)
-    for name, tolerance in {"color": 2e-6, "alpha": 2e-6, "depth": 3e-5}.items():
-        torch.testing.assert_close(getattr(image, name).double(), getattr(truth, name), rtol=tolerance, atol=tolerance)
-    for name, gradient in gradients.items():
-        assert relative_error(gradient, truth_gradients[name]) < 2e-6, name
-    assert relative_error(image.screen_gradient, truth.screen_gradient) < 2e-6
+@pytest.mark.parametrize("mode", ["classic", "antialiased"])
+def test_matches_reference(seed: int, mode: str) -> None:
+    assert_matches_reference(random_gaussians(200, seed), camera(), mode=mode)
+
+
+@pytest.mark.parametrize("features", [None, 0, 1, 5, 32])
+def test_extra_outputs_match_reference(features: int | None) -> None:
+    gaussians = random_gaussians(100, 7, features=features)
+    assert_matches_reference(gaussians, camera(), depth=True, absolute_gradient=True)
+
+
+def test_exact_precision_matches_reference() -> None:
+    assert_matches_reference(random_gaussians(100, 3), camera(), depth=True, precision="exact")
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 50), (16, 16), (17, 33)])
+def test_any_size_of_image(size: tuple[int, int]) -> None:
+    assert_matches_reference(random_gaussians(60, 1, size=0.4), camera(*size, focal=20.0), depth=True)
+
+
+def test_extra_outputs_change_nothing_else() -> None:
+    gaussians = random_gaussians(300, 2)
+    plain, plain_gradients = draw(gaussians, camera(), "native", torch.ones(45, 70, 4))
+    weights = torch.ones(45, 70, 7)
+    weights[..., 4:] = 0
+    featured = replace(gaussians, features=random_gaussians(300, 2, features=2).features)
+    full, gradients = draw(featured, camera(), "native", weights, depth=True, absolute_gradient=True)
+    assert torch.equal(full.color, plain.color)
+    assert torch.equal(full.screen_gradient, plain.screen_gradient)
+    assert torch.equal(gradients["scales"], plain_gradients["scales"])
+    assert plain.depth is None
+    assert plain.features is None
+    assert plain.screen_gradient_absolute is None
 
 
 def test_same_bits_for_any_number_of_threads() -> None:
-    gaussians, cam = random_gaussians(2000, size=0.05), camera(200, 120, 180)
+    gaussians, cam = random_gaussians(20000, size=0.05, features=3), camera(200, 120, 180)
     threads = torch.get_num_threads()
     results = []
     try:
         for count in (1, 2, 3, 7):
             torch.set_num_threads(count)
-            image, gradients = draw(gaussians, cam, "native", torch.float32)
-            results.append([image.color, image.alpha, image.depth, image.screen_gradient, *gradients.values()])
+            image, gradients = draw(gaussians, cam, "native", depth=True, absolute_gradient=True)
+            results.append([*vars(image).values(), *gradients.values()])
     finally:
         torch.set_num_threads(threads)
     for other in results[1:]:
         assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
 
 
-def test_no_gaussians_leave_the_background() -> None:
-    cam = camera(17, 3)
-    image, gradients = draw(random_gaussians(0), cam, "native", torch.float32)
-    assert torch.equal(image.color, torch.tensor([0.2, 0.5, 0.8]).expand(3, 17, 3))
-    assert image.alpha.count_nonzero() == 0
-    assert gradients["means"].shape == (0, 3)
+def test_gradient_only_of_what_is_used() -> None:
+    inputs = leaves(random_gaussians(50, features=4), torch.float32)
+    image = rasterize(inputs, camera(), background=torch.zeros(3), depth=True)
+    image.alpha.sum().backward()
+    assert inputs.opacities.grad.count_nonzero() > 0
+    assert inputs.colors.grad.count_nonzero() == 0
+    assert inputs.features.grad is None
+
+
+def test_backward_twice_gives_the_same_gradient() -> None:
+    inputs = leaves(random_gaussians(50), torch.float32)
+    image = rasterize(inputs, camera(), background=torch.zeros(3))
+    image.color.sum().backward(retain_graph=True)
+    first = inputs.means.grad.clone()
+    image.color.sum().backward()
+    assert torch.equal(inputs.means.grad, 2 * first)
+
+
+def test_two_renderings_do_not_share_a_frame() -> None:
+    inputs = [leaves(random_gaussians(50, seed), torch.float32) for seed in (0, 1)]
+    images = [rasterize(each, camera(), background=torch.zeros(3)) for each in inputs]
+    for image in images:
+        image.color.sum().backward()
+    for each, seed in zip(inputs, (0, 1), strict=True):
+        alone = leaves(random_gaussians(50, seed), torch.float32)
+        rasterize(alone, camera(), background=torch.zeros(3)).color.sum().backward()
+        assert torch.equal(each.means.grad, alone.means.grad)
+
+
+def test_tensors_of_any_layout_are_taken() -> None:
+    gaussians = random_gaussians(50)
+    spread = Gaussians(*(None if t is None else torch.stack([t, t], dim=-1)[..., 0] for t in vars(gaussians).values()))
+    background = BACKGROUND.float()
+    image = rasterize(gaussians, camera(), background=background)
+    assert torch.equal(rasterize(spread, camera(), background=background).color, image.color)
 
 
 def test_constants_are_those_of_the_kernels() -> None:
     assert _native.constants() == {name: value for name, value in vars(constants).items() if name.isupper()}
 
 
-def test_wrong_shape_is_refused() -> None:
-    good = random_gaussians(3)
-    bad = Gaussians(good.means, good.quaternions[:2], good.scales, good.opacities, good.colors)
-    with pytest.raises(ValueError, match=r"quaternions has shape \(2, 4\), expected \(3, 4\)"):
-        rasterize(bad, camera(), background=torch.zeros(3))
+def test_changing_an_input_before_backward_is_refused() -> None:
+    inputs = leaves(random_gaussians(10), torch.float32)
+    image = rasterize(inputs, camera(), background=torch.zeros(3))
+    with torch.no_grad():
+        inputs.means.add_(1)
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        image.color.sum().backward()
+
+
+@pytest.mark.parametrize("set_name", ["avx512", "avx2", "portable"])
+def test_every_instruction_set_agrees(set_name: str, subprocess_python: Any) -> None:
+    """The environment chooses when the module is loaded, so each set gets a process of its own."""
+    code = (
+        "from raster_scenes import *\n"
+        "from aa4d.raster import _native\n"
+        f"assert _native.instruction_set() == {set_name!r}\n"
+        "gaussians = random_gaussians(150, 4, features=3)\n"
+        "assert_matches_reference(gaussians, camera(), depth=True, absolute_gradient=True)\n"
+        "layers = one_gaussian(means=[[0, 0, 3 + 1e-3 * i] for i in range(1500)], opacities=[0.05])\n"
+        "assert_matches_reference(layers, straight_camera(), 1e-5, 3e-5, depth=True)\n"
+    )
+    result = subprocess_python(code, AA4D_SIMD=set_name)
+    if f"AA4D_SIMD={set_name}: this machine has no such kernels" in result.stderr:
+        pytest.skip(f"this machine has no {set_name}")
+    assert result.returncode == 0, result.stderr

@@ -1,78 +1,133 @@
-// The Python module: checks nothing but shapes, dtypes and layout, and lets other Python threads run meanwhile.
+// The Python module: checks dtypes, shapes and layout, and lets other Python threads run meanwhile.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 
+#include <atomic>
+#include <optional>
+
 #include "kernels.hpp"
 #include "render.hpp"
+#include "thread_pool.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
 
 namespace {
 
-using Vector = nb::ndarray<float, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Vectors3 = nb::ndarray<float, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Vectors4 = nb::ndarray<float, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
-using Integers = nb::ndarray<std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Map = nb::ndarray<float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
-using ColorMap = nb::ndarray<float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
-using Matrix3 = nb::ndarray<double, nb::shape<3, 3>, nb::c_contig, nb::device::cpu>;
-using Matrix4 = nb::ndarray<double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>;
-using Color = nb::ndarray<double, nb::shape<3>, nb::c_contig, nb::device::cpu>;
+template <class T, nb::ssize_t... kShape>
+using Array = nb::ndarray<T, nb::shape<kShape...>, nb::c_contig, nb::device::cpu>;
+using Values = Array<float, -1>;
+using Vectors3 = Array<float, -1, 3>;
+using Vectors4 = Array<float, -1, 4>;
+using Rows = Array<float, -1, -1>;
+using Map = Array<float, -1, -1>;
+using Maps = Array<float, -1, -1, -1>;
 
-aa4d::Scene scene_of(const Vectors3& means, const Vectors4& quaternions, const Vectors3& scales, const Vector& opacities,
-                     const Vectors3& colors) {
-  const std::size_t count = means.shape(0);
-  if (quaternions.shape(0) != count || scales.shape(0) != count || opacities.shape(0) != count || colors.shape(0) != count)
-    throw nb::value_error("the tensors of the Gaussians differ in length");
-  return {count, means.data(), quaternions.data(), scales.data(), opacities.data(), colors.data()};
+template <class T>
+auto* pointer(const std::optional<T>& array) {
+  return array ? array->data() : nullptr;
 }
 
-// What Python holds between forward and backward.
-struct SavedFrame {
-  aa4d::FramePtr frame;
+void require(bool condition, const char* message) {
+  if (!condition) throw nb::value_error(message);
+}
+
+aa4d::Scene make_scene(const Vectors3& means, const Vectors4& quaternions, const Vectors3& scales, const Values& opacities,
+                       const Vectors3& colors, const std::optional<Rows>& features, const Array<float, 3>& background) {
+  const std::size_t count = means.shape(0);
+  require(quaternions.shape(0) == count && scales.shape(0) == count && opacities.shape(0) == count &&
+              colors.shape(0) == count && (!features || features->shape(0) == count),
+          "the tensors of the Gaussians differ in length");
+  require(!features || features->shape(1) <= aa4d::kMaxFeatures, "too many features");
+  aa4d::Scene scene;
+  scene.count = count;
+  scene.means = means.data();
+  scene.quaternions = quaternions.data();
+  scene.scales = scales.data();
+  scene.opacities = opacities.data();
+  scene.colors = colors.data();
+  scene.features = pointer(features);
+  scene.feature_count = features ? static_cast<int>(features->shape(1)) : 0;
+  for (int k = 0; k < 3; ++k) scene.background[k] = background(k);
+  return scene;
+}
+
+struct PinholeCamera {
+  aa4d::CameraModel model;
+
+  PinholeCamera(const Array<double, 4, 4>& viewmat, const Array<double, 3, 3>& K, int width, int height, double near) {
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) model.rotation[3 * i + j] = viewmat(i, j);
+      model.translation[i] = viewmat(i, 3);
+    }
+    model.fx = K(0, 0);
+    model.fy = K(1, 1);
+    model.cx = K(0, 2);
+    model.cy = K(1, 2);
+    model.near = near;
+    model.width = width;
+    model.height = height;
+  }
 };
 
-SavedFrame forward(const Vectors3& means, const Vectors4& quaternions, const Vectors3& scales, const Vector& opacities,
-                   const Vectors3& colors, const Matrix4& viewmat, const Matrix3& K, double near, const Color& background,
-                   double min_alpha, double min_transmittance, int threads, const ColorMap& color, const Map& alpha,
-                   const std::optional<Map>& depth, const Integers& radii) {
-  const aa4d::Scene scene = scene_of(means, quaternions, scales, opacities, colors);
-  aa4d::CameraModel camera;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) camera.rotation[3 * i + j] = viewmat(i, j);
-    camera.translation[i] = viewmat(i, 3);
-  }
-  camera.fx = K(0, 0);
-  camera.fy = K(1, 1);
-  camera.cx = K(0, 2);
-  camera.cy = K(1, 2);
-  camera.near = near;
-  camera.height = static_cast<int>(color.shape(0));
-  camera.width = static_cast<int>(color.shape(1));
-  const aa4d::Image image = {color.data(), alpha.data(), depth ? depth->data() : nullptr};
-  const aa4d::Settings settings = {min_alpha, min_transmittance, threads};
+// What Python holds between forward and backward. It keeps no array of the caller's: backward is given them again.
+struct SavedFrame {
+  aa4d::FramePtr frame;
+  aa4d::Settings settings;
+};
+
+std::optional<SavedFrame> forward(const aa4d::Scene& scene, const PinholeCamera& camera, const aa4d::Settings& settings,
+                                  const Maps& color, const Map& alpha, const std::optional<Map>& depth,
+                                  const std::optional<Maps>& features, const Array<std::int32_t, -1>& radii) {
+  const aa4d::CameraModel& model = camera.model;
+  const auto fits = [&](const auto& map) {
+    return map.shape(0) == static_cast<std::size_t>(model.height) && map.shape(1) == static_cast<std::size_t>(model.width);
+  };
+  require(fits(color) && color.shape(2) == 3 && fits(alpha) && (!depth || fits(*depth)), "a map has the wrong size");
+  require(scene.feature_count == 0 || (features && fits(*features) &&
+                                       features->shape(2) == static_cast<std::size_t>(scene.feature_count)),
+          "the map of features has the wrong size");
+  require(radii.shape(0) == scene.count, "radii has the wrong length");
+  const aa4d::Image image = {color.data(), alpha.data(), pointer(depth), pointer(features)};
   const nb::gil_scoped_release release;
-  return {aa4d::render(scene, camera, background.data(), settings, image, radii.data())};
+  aa4d::FramePtr frame = aa4d::render(scene, model, settings, image, radii.data());
+  if (!frame) return std::nullopt;
+  return SavedFrame{std::move(frame), settings};
 }
 
-void backward(SavedFrame& saved, const Vectors3& means, const Vectors4& quaternions, const Vectors3& scales,
-              const Vector& opacities, const Vectors3& colors, const Color& background, double min_alpha,
-              double min_transmittance, int threads, const std::optional<ColorMap>& color_gradient,
-              const std::optional<Map>& alpha_gradient, const std::optional<Map>& depth_gradient,
-              const std::optional<Map>& depth, const Vectors3& d_means, const Vectors4& d_quaternions,
-              const Vectors3& d_scales, const Vector& d_opacities, const Vectors3& d_colors, const Color& d_background,
-              const Vector& screen_gradient) {
-  const aa4d::Scene scene = scene_of(means, quaternions, scales, opacities, colors);
-  const aa4d::ImageGradient image = {color_gradient ? color_gradient->data() : nullptr,
-                                     alpha_gradient ? alpha_gradient->data() : nullptr,
-                                     depth_gradient ? depth_gradient->data() : nullptr, depth ? depth->data() : nullptr};
-  const aa4d::SceneGradient gradient = {d_means.data(),     d_quaternions.data(), d_scales.data(),
-                                        d_opacities.data(), d_colors.data(),      screen_gradient.data()};
-  const aa4d::Settings settings = {min_alpha, min_transmittance, threads};
+void backward(SavedFrame& saved, const aa4d::Scene& scene, int threads, const std::optional<Maps>& color,
+              const std::optional<Map>& alpha, const std::optional<Map>& depth, const std::optional<Map>& depth_value,
+              const std::optional<Maps>& features, const Vectors3& d_means, const Vectors4& d_quaternions,
+              const Vectors3& d_scales, const Values& d_opacities, const Vectors3& d_colors, const Array<float, 3>& d_background,
+              const Values& screen, const std::optional<Values>& screen_absolute, const std::optional<Rows>& d_features,
+              const std::optional<Array<float, 4, 4>>& d_viewmat) {
+  require(scene.count == saved.frame->count, "these are not the Gaussians that were drawn");
+  const aa4d::ImageGradient image = {pointer(color), pointer(alpha), pointer(depth), pointer(depth_value), pointer(features)};
+  aa4d::SceneGradient gradient;
+  gradient.means = d_means.data();
+  gradient.quaternions = d_quaternions.data();
+  gradient.scales = d_scales.data();
+  gradient.opacities = d_opacities.data();
+  gradient.colors = d_colors.data();
+  gradient.background = d_background.data();
+  gradient.screen = screen.data();
+  gradient.screen_absolute = pointer(screen_absolute);
+  gradient.features = features ? pointer(d_features) : nullptr;
+  gradient.viewmat = pointer(d_viewmat);
+  aa4d::Settings settings = saved.settings;
+  settings.threads = threads;
   const nb::gil_scoped_release release;
-  aa4d::render_backward(scene, *saved.frame, background.data(), settings, image, gradient, d_background.data());
+  aa4d::render_backward(scene, settings, *saved.frame, image, gradient);
+}
+
+// Runs the bare arithmetic of `pairs` contributions, split evenly.
+float arithmetic(bool is_backward, std::uint64_t pairs, int threads) {
+  const nb::gil_scoped_release release;
+  const auto run = is_backward ? aa4d::kernels().backward_arithmetic : aa4d::kernels().forward_arithmetic;
+  std::atomic<float> result = 0;
+  aa4d::parallel_for(threads, threads, [&](std::size_t) { result = run(pairs / threads); });
+  return result;
 }
 
 }  // namespace
@@ -80,22 +135,33 @@ void backward(SavedFrame& saved, const Vectors3& means, const Vectors4& quaterni
 NB_MODULE(_native, m) {
   nb::set_leak_warnings(false);  // an autograd graph that is alive at exit holds its frame: no leak
 
-  nb::class_<SavedFrame>(m, "Frame");
-  m.def("forward", &forward, "means"_a, "quaternions"_a, "scales"_a, "opacities"_a, "colors"_a, "viewmat"_a, "K"_a, "near"_a,
-        "background"_a, "min_alpha"_a, "min_transmittance"_a, "threads"_a, "color"_a, "alpha"_a, "depth"_a.none(), "radii"_a);
-  m.def("backward", &backward, "frame"_a, "means"_a, "quaternions"_a, "scales"_a, "opacities"_a, "colors"_a, "background"_a,
-        "min_alpha"_a, "min_transmittance"_a, "threads"_a, "color_gradient"_a.none(), "alpha_gradient"_a.none(),
-        "depth_gradient"_a.none(), "depth"_a.none(), "d_means"_a, "d_quaternions"_a, "d_scales"_a, "d_opacities"_a,
-        "d_colors"_a, "d_background"_a, "screen_gradient"_a);
+  nb::class_<aa4d::Scene>(m, "Scene")
+      .def(nb::new_(&make_scene), "means"_a, "quaternions"_a, "scales"_a, "opacities"_a, "colors"_a, "features"_a.none(),
+           "background"_a);
+  nb::class_<PinholeCamera>(m, "PinholeCamera")
+      .def(nb::init<const Array<double, 4, 4>&, const Array<double, 3, 3>&, int, int, double>(), "viewmat"_a, "K"_a,
+           "width"_a, "height"_a, "near"_a);
+  nb::class_<aa4d::Settings>(m, "Settings")
+      .def(nb::init<double, double, bool, bool, int>(), "min_alpha"_a, "min_transmittance"_a, "antialiased"_a,
+           "mask_invalid"_a, "threads"_a);
+  nb::class_<SavedFrame>(m, "Frame").def("count_pairs", [](SavedFrame& saved) {
+    return aa4d::count_pairs(saved.settings, *saved.frame);
+  });
+  m.def("forward", &forward, "scene"_a, "camera"_a, "settings"_a, "color"_a, "alpha"_a, "depth"_a.none(),
+        "features"_a.none(), "radii"_a);
+  m.def("backward", &backward, "frame"_a, "scene"_a, "threads"_a, "color"_a.none(), "alpha"_a.none(), "depth"_a.none(),
+        "depth_value"_a.none(), "features"_a.none(), "d_means"_a, "d_quaternions"_a, "d_scales"_a, "d_opacities"_a,
+        "d_colors"_a, "d_background"_a, "screen"_a, "screen_absolute"_a.none(), "d_features"_a.none(), "d_viewmat"_a.none());
+  m.def("arithmetic", &arithmetic, "backward"_a, "pairs"_a, "threads"_a);
   m.def("instruction_set", [] { return aa4d::kernels().name; });
   m.def("constants", [] {
     nb::dict result;
     result["DILATION"] = aa4d::kDilation;
     result["MAX_ALPHA"] = aa4d::kMaxAlpha;
-    result["MIN_ALPHA"] = aa4d::kMinAlpha;
-    result["MIN_TRANSMITTANCE"] = aa4d::kMinTransmittance;
     result["FRUSTUM_MARGIN"] = aa4d::kFrustumMargin;
     result["MIN_QUATERNION_NORM"] = aa4d::kMinQuaternionNorm;
+    result["MIN_COMPENSATION"] = aa4d::kMinCompensation;
+    result["MAX_FEATURES"] = aa4d::kMaxFeatures;
     return result;
   });
 }

@@ -5,7 +5,8 @@
 
 namespace aa4d {
 
-// Needs what project() leaves in the frame; fills frame.tile_begin and frame.entries.
-void sort_into_tiles(Frame& frame, int threads);
+// Needs frame.splats, boxes and depth_keys. Fills frame.slots, tile_begin and entries, and clears the radius of a
+// Gaussian whose box touches the image but whose ellipse does not.
+void sort_into_tiles(Frame& frame, std::int32_t* radii, int threads);
 
 }  // namespace aa4d

@@ -3,107 +3,141 @@
 // With g the gradient of the pixel, c.g the inner product of a Gaussian's colour with it, T the transmittance in front
 // of the Gaussian and S the sum of w c.g over everything behind it (background and alpha included):
 //   dL/d(alpha) = T c.g - S / (1 - alpha).
-// Walking back, T is regained by dividing by 1 - alpha >= 0.01 and S by adding positive multiples: neither cancels.
+// Walking back, T is regained by dividing by 1 - alpha >= 0.01 and S by adding what each Gaussian gave: neither cancels.
 #pragma once
 
-#include "block_map.hpp"
+#include "blend_forward.hpp"
 
 namespace aa4d::AA4D_ARCH {
 
-template <bool kWithDepth>
-void backward_tile(const BackwardTile& tile) {
-  constexpr std::uint32_t kPrefetch = 8;
-  const TileList& list = tile.list;
-  const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), one(1.0f);
+// Where each block's contributions end: nothing from that place on concerns it.
+struct BlockEnds {
+  alignas(64) std::int32_t place[kTileBlocks];
+  std::int32_t quarter_place[kTileQuarters] = {};
+  std::int32_t last = 0;  // of the whole tile
 
-  std::int32_t block_stop[kTileBlocks];  // no pixel of the block takes anything from here on
-  for (int b = 0; b < kTileBlocks; ++b) {
-    block_stop[b] = 0;
-    for (int p = b * kBlockPixels; p < (b + 1) * kBlockPixels; ++p) {
-      if (tile.stop[p] > block_stop[b]) block_stop[b] = tile.stop[p];
+  explicit BlockEnds(const std::int32_t* pixel_end) {
+    for (int b = 0; b < kTileBlocks; ++b) {
+      std::int32_t end = 0;
+      for (int p = b * kBlockPixels; p < (b + 1) * kBlockPixels; ++p) end = pixel_end[p] > end ? pixel_end[p] : end;
+      place[b] = end;
+      std::int32_t& quarter = quarter_place[b / kQuarterBlocks];
+      quarter = end > quarter ? end : quarter;
+      last = end > last ? end : last;
     }
   }
 
-  for (std::uint32_t i = list.count; i-- > 0;) {
-    if (i >= kPrefetch) {
-      __builtin_prefetch(&list.splats[list.entries[i - kPrefetch].gaussian]);
-      __builtin_prefetch(&tile.gradients[list.entries[i - kPrefetch].slot], 1);
+  bool any(const TileEntry& entry, int quarter, std::int64_t at) const {
+    return (entry.blocks[quarter] != 0) & (quarter_place[quarter] > at);
+  }
+  // Those that the forward pass found, as far as they have contributions at or behind a place.
+  std::uint32_t blocks(const TileEntry& entry, int quarter, std::int64_t at, const Splat&, int, int) const {
+    std::uint32_t open = 0;
+    for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
+      open |= bits(above(place + quarter * kQuarterBlocks + i, static_cast<std::int32_t>(at))) << i;
     }
-    const Splat& splat = list.splats[list.entries[i].gaussian];
-    BlockMap map;
-    map.build(splat, list.x, list.y);
+    return entry.blocks[quarter] & open;
+  }
+};
 
-    const Float l11(static_cast<float>(splat.l11)), l21(static_cast<float>(splat.l21));
-    const Float l22(static_cast<float>(splat.l22));
-    const Float log2_opacity(splat.log2_opacity), depth(splat.depth);
-    const Float red(splat.color[0]), green(splat.color[1]), blue(splat.color[2]);
-    const Float zero(0.0f);
-    Float sum_red = zero, sum_green = zero, sum_blue = zero, sum_depth = zero;
-    Float sum_v = zero, sum_vu = zero, sum_vw = zero, sum_vuu = zero, sum_vuw = zero, sum_vww = zero;
-    Float u_pixel[kBlockVectors], w_pixel[kBlockVectors];
-    for (int k = 0; k < kBlockVectors; ++k) {
-      const Float px = Float::load(kGrid.px.lane + k * Float::kWidth), py = Float::load(kGrid.py.lane + k * Float::kWidth);
-      u_pixel[k] = fma(l11, px, l21 * py);
-      w_pixel[k] = l22 * py;
-    }
+// kExtras: whether there is more than the gradient of colour: depth, features, absolute sums.
+template <bool kExtras>
+std::uint32_t backward_tile(const BackwardTile& tile) {
+  const TileList& list = tile.list;
+  const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), one(1.0f), zero(0.0f);
+  const BlockEnds ends(tile.pixel_end);
+  alignas(64) float sum_features[kExtras ? kMaxFeatures : 1][Float::kWidth];
+  // Copies, because the compiler must assume that a store of pixels changes what the tile points to.
+  const float *const g_reds = tile.color[0], *const g_greens = tile.color[1], *const g_blues = tile.color[2];
+  float *const transmittances = tile.transmittance, *const behinds = tile.behind;
+  const std::int32_t* const pixel_ends = tile.pixel_end;
+  Batch batch;
+  Batch::prefetch_first(list, ends.last - 1, -1, ends.last);
 
-    for (std::uint32_t todo = map.reached; todo != 0; todo &= todo - 1) {
-      const int block = __builtin_ctz(todo);
-      if (block_stop[block] <= static_cast<std::int32_t>(i)) continue;
-      const Float u_block(map.u.lane[block]), w_block(map.w.lane[block]);
-      for (int k = 0; k < kBlockVectors; ++k) {
-        const int p = block * kBlockPixels + k * Float::kWidth;
-        const Float u = u_pixel[k] + u_block, w = w_pixel[k] + w_block;
-        const Float exponent = fnma(w, w, fnma(u, u, log2_opacity));
-        const Float unclamped = exp2_nonpositive(exponent);
-        const Mask adds = (exponent >= cutoff) & above(tile.stop + p, static_cast<std::int32_t>(i));
-        const Float alpha = zero_unless(adds, min(unclamped, max_alpha));
+  for (std::int64_t left = ends.last; left > 0;) {
+    const int taken = batch.fill(list, left - 1, -1, left, ends);
+    for (int e = 0; e < taken; ++e) {
+      const std::int32_t place = static_cast<std::int32_t>(left - 1 - e);
+      const std::size_t slot = list.entries[place].slot;
+      Float sum_red = zero, sum_green = zero, sum_blue = zero, sum_depth = zero;
+      Float sum_v = zero, sum_vu = zero, sum_vw = zero, sum_vuu = zero, sum_vuw = zero, sum_vww = zero;
+      Float sum_absolute_vu = zero, sum_absolute_vy = zero;
+      if constexpr (kExtras) {
+        for (int c = 0; c < list.feature_count; ++c) zero.store(sum_features[c]);
+      }
 
-        const Float inverse = reciprocal(one - alpha);
-        const Float before = Float::load(tile.transmittance + p) * inverse;
-        before.store(tile.transmittance + p);
-        const Float weight = alpha * before;
+      for (const BlockItem* item = batch.begin(e); item != batch.end(e); ++item) {
+        const QuarterView& view = batch.view(*item);
+        for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
+          const int p = item->block() * kBlockPixels + k;
+          const Float u = view.u(item->quarter_block(), k), w = view.w(item->quarter_block(), k);
+          const Float exponent = view.log2_alpha(u, w);
+          const Float unclamped = exp2_nonpositive(exponent);
+          const Mask adds = (exponent >= cutoff) & above(pixel_ends + p, place);
+          const Float alpha = zero_unless(adds, min(unclamped, max_alpha));
 
-        const Float g_red = Float::load(tile.color_gradient[0] + p), g_green = Float::load(tile.color_gradient[1] + p);
-        const Float g_blue = Float::load(tile.color_gradient[2] + p);
-        Float cg = fma(blue, g_blue, fma(green, g_green, red * g_red));
-        if constexpr (kWithDepth) {
-          const Float g_depth = Float::load(tile.depth_gradient + p);
-          cg = fma(depth, g_depth, cg);
-          sum_depth = fma(weight, g_depth, sum_depth);
+          const Float inverse = reciprocal(one - alpha);
+          const Float before = Float::load(transmittances + p) * inverse;
+          before.store(transmittances + p);
+          const Float weight = alpha * before;
+
+          const Float g_red = Float::load(g_reds + p), g_green = Float::load(g_greens + p);
+          const Float g_blue = Float::load(g_blues + p);
+          Float cg = Float(view.color[0]) * g_red;
+          cg = fma(Float(view.color[1]), g_green, cg);
+          cg = fma(Float(view.color[2]), g_blue, cg);
+          sum_red = fma(weight, g_red, sum_red);
+          sum_green = fma(weight, g_green, sum_green);
+          sum_blue = fma(weight, g_blue, sum_blue);
+          if constexpr (kExtras) {
+            if (tile.depth) {
+              const Float g_depth = Float::load(tile.depth + p);
+              cg = fma(Float(view.depth) - Float::load(tile.depth_value + p), g_depth, cg);
+              sum_depth = fma(weight, g_depth, sum_depth);
+            }
+            const float* const features = list.features + std::size_t{view.gaussian} * list.feature_count;
+            for (int c = 0; c < list.feature_count; ++c) {
+              const Float g_feature = Float::load(tile.features + c * kTilePixels + p);
+              cg = fma(Float(features[c]), g_feature, cg);
+              accumulate(sum_features[c], weight, g_feature);
+            }
+          }
+
+          const Float behind = Float::load(behinds + p);
+          const Float alpha_gradient = fnma(behind, inverse, before * cg);
+          fma(weight, cg, behind).store(behinds + p);
+
+          // v = dL/d(ln alpha); the clamp at kMaxAlpha passes no gradient.
+          const Float v = zero_unless(unclamped <= max_alpha, alpha * alpha_gradient);
+          const Float vu = v * u, vw = v * w;
+          sum_v = sum_v + v;
+          sum_vu = sum_vu + vu;
+          sum_vw = sum_vw + vw;
+          sum_vuu = fma(vu, u, sum_vuu);
+          sum_vuw = fma(vu, w, sum_vuw);
+          sum_vww = fma(vw, w, sum_vww);
+          if constexpr (kExtras) {
+            if (tile.absolute) {
+              sum_absolute_vu = sum_absolute_vu + abs(vu);
+              sum_absolute_vy = sum_absolute_vy + abs(fma(Float(view.l21), vu, Float(view.l22) * vw));
+            }
+          }
         }
-        sum_red = fma(weight, g_red, sum_red);
-        sum_green = fma(weight, g_green, sum_green);
-        sum_blue = fma(weight, g_blue, sum_blue);
+      }
 
-        const Float behind = Float::load(tile.behind + p);
-        const Float alpha_gradient = fnma(behind, inverse, before * cg);
-        fma(weight, cg, behind).store(tile.behind + p);
-
-        // v = dL/d(ln alpha); the clamp at kMaxAlpha passes no gradient.
-        const Float v = zero_unless(unclamped <= max_alpha, alpha * alpha_gradient);
-        const Float vu = v * u, vw = v * w;
-        sum_v = sum_v + v;
-        sum_vu = sum_vu + vu;
-        sum_vw = sum_vw + vw;
-        sum_vuu = fma(vu, u, sum_vuu);
-        sum_vuw = fma(vu, w, sum_vuw);
-        sum_vww = fma(vw, w, sum_vww);
+      // In the order of SplatGradient's fields.
+      const Float sums[12] = {sum_red, sum_green, sum_blue, sum_v,     sum_vu,          sum_vw,
+                              sum_vuu, sum_vuw,   sum_vww,  sum_depth, sum_absolute_vu, sum_absolute_vy};
+      sum_each(sums, reinterpret_cast<float*>(&tile.gradients[slot]));
+      if constexpr (kExtras) {
+        for (int c = 0; c < list.feature_count; ++c) {
+          tile.feature_gradients[slot * list.feature_count + c] = sum(Float::load(sum_features[c]));
+        }
       }
     }
-
-    SplatGradient& out = tile.gradients[list.entries[i].slot];
-    out.color[0] = sum(sum_red);
-    out.color[1] = sum(sum_green);
-    out.color[2] = sum(sum_blue);
-    out.v = sum(sum_v);
-    out.vu = sum(sum_vu);
-    out.vw = sum(sum_vw);
-    out.vuu = sum(sum_vuu);
-    out.vuw = sum(sum_vuw);
-    out.vww = sum(sum_vww);
-    out.depth = kWithDepth ? sum(sum_depth) : 0.0f;
+    left -= taken;
   }
+  return ends.last;
 }
 
 }  // namespace aa4d::AA4D_ARCH

@@ -1,78 +1,96 @@
 // Front-to-back alpha blending of one tile.
 #pragma once
 
-#include "block_map.hpp"
+#include "batch.hpp"
 
 namespace aa4d::AA4D_ARCH {
 
-template <bool kWithDepth>
-std::uint32_t forward_tile(const ForwardTile& tile) {
-  constexpr int kPrefetch = 8;  // entries ahead: the lists point all over the splats
-  const TileList& list = tile.list;
-  const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), zero(0.0f);
-  const Float min_transmittance(tile.min_transmittance);
-
-  std::uint32_t alive = 0;  // blocks with a pixel inside the image that is not finished
+// One bit for each block that has a pixel inside the image.
+inline std::uint64_t blocks_inside(int pixels_x, int pixels_y) {
+  std::uint64_t result = 0;
   for (int b = 0; b < kTileBlocks; ++b) {
-    const bool inside = kGrid.x.lane[b] < tile.pixels_x && kGrid.y.lane[b] < tile.pixels_y;
-    alive |= static_cast<std::uint32_t>(inside) << b;
+    const int quarter = b / kQuarterBlocks;
+    const float x = kGrid.block_x[b % kQuarterBlocks] + quarter % 2 * kQuarterSize;
+    const float y = kGrid.block_y[b % kQuarterBlocks] + quarter / 2 * kQuarterSize;
+    result |= static_cast<std::uint64_t>(x < pixels_x && y < pixels_y) << b;
   }
+  return result;
+}
 
-  std::uint32_t i = 0;
-  for (; i < list.count && alive != 0; ++i) {
-    if (i + kPrefetch < list.count) __builtin_prefetch(&list.splats[list.entries[i + kPrefetch].gaussian]);
-    const Splat& splat = list.splats[list.entries[i].gaussian];
-    BlockMap map;
-    map.build(splat, list.x, list.y);
+// The blocks that have an unfinished pixel.
+struct AliveBlocks {
+  std::uint64_t bits;
 
-    const Float l11(static_cast<float>(splat.l11)), l21(static_cast<float>(splat.l21));
-    const Float l22(static_cast<float>(splat.l22));
-    const Float log2_opacity(splat.log2_opacity), depth(splat.depth);
-    const Float red(splat.color[0]), green(splat.color[1]), blue(splat.color[2]);
-    Float u_pixel[kBlockVectors], w_pixel[kBlockVectors];
-    for (int k = 0; k < kBlockVectors; ++k) {
-      const Float px = Float::load(kGrid.px.lane + k * Float::kWidth), py = Float::load(kGrid.py.lane + k * Float::kWidth);
-      u_pixel[k] = fma(l11, px, l21 * py);
-      w_pixel[k] = l22 * py;
-    }
+  std::uint32_t of(int quarter) const {
+    return static_cast<std::uint32_t>(bits >> (quarter * kQuarterBlocks)) & ((1u << kQuarterBlocks) - 1);
+  }
+  bool any(const TileEntry& entry, int quarter, std::int64_t) const {
+    return (entry.quarters >> quarter & 1) & (of(quarter) != 0);
+  }
+  // Finds them, and notes them for the way back.
+  std::uint32_t blocks(TileEntry& entry, int quarter, std::int64_t, const Splat& splat, int x, int y) const {
+    const std::uint32_t result = reached_blocks(splat, x, y) & of(quarter);
+    entry.blocks[quarter] = static_cast<std::uint16_t>(result);
+    return result;
+  }
+};
 
-    for (std::uint32_t todo = map.reached & alive; todo != 0; todo &= todo - 1) {
-      const int block = __builtin_ctz(todo);
-      const Float u_block(map.u.lane[block]), w_block(map.w.lane[block]);
-      bool finished_some = false;
-      for (int k = 0; k < kBlockVectors; ++k) {
-        const int p = block * kBlockPixels + k * Float::kWidth;
-        const Float u = u_pixel[k] + u_block, w = w_pixel[k] + w_block;
-        const Float exponent = fnma(w, w, fnma(u, u, log2_opacity));
+inline void accumulate(float* sums, Float weight, Float value) { fma(weight, value, Float::load(sums)).store(sums); }
+
+// kExtras: whether depth or features are wanted beside colour.
+template <bool kExtras>
+void forward_tile(const ForwardTile& tile) {
+  const TileList& list = tile.list;
+  const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), zero(0.0f), one(1.0f);
+  const Float min_transmittance(tile.min_transmittance);
+  AliveBlocks alive = {blocks_inside(tile.pixels_x, tile.pixels_y)};
+  // Copies, because the compiler must assume that a store of pixels changes what the tile points to.
+  float *const transmittances = tile.transmittance, *const reds = tile.color[0], *const greens = tile.color[1];
+  float* const blues = tile.color[2];
+  std::int32_t* const pixel_ends = tile.pixel_end;
+  Batch batch;
+  Batch::prefetch_first(list, 0, 1, list.count);
+
+  for (std::int64_t done = 0; done < list.count && alive.bits != 0;) {
+    const int taken = batch.fill(list, done, 1, list.count - done, alive);
+    for (const BlockItem* item = batch.begin(); item != batch.end(); ++item) {
+      const QuarterView& view = batch.view(*item);
+      for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
+        const int p = item->block() * kBlockPixels + k;
+        const Float exponent = view.log2_alpha(view.u(item->quarter_block(), k), view.w(item->quarter_block(), k));
         const Float alpha = min(exp2_nonpositive(exponent), max_alpha);
-        const Float before = Float::load(tile.transmittance + p);
-        const Float after = fnma(alpha, before, before);
-        const Mask passes = (exponent >= cutoff) & (before > zero);
-        const Mask finishes = passes & (after <= min_transmittance);
-        const Mask adds = and_not(passes, finishes);
-        const Float weight = zero_unless(adds, alpha * before);
-        fma(weight, red, Float::load(tile.color[0] + p)).store(tile.color[0] + p);
-        fma(weight, green, Float::load(tile.color[1] + p)).store(tile.color[1] + p);
-        fma(weight, blue, Float::load(tile.color[2] + p)).store(tile.color[2] + p);
-        if constexpr (kWithDepth) fma(weight, depth, Float::load(tile.depth + p)).store(tile.depth + p);
-        Float transmittance = select(adds, after, before);
-        if (any(finishes)) {
-          transmittance = select(finishes, negate(before), transmittance);
-          store_where(finishes, tile.stop + p, static_cast<std::int32_t>(i));
-          finished_some = true;
+        const Float before = Float::load(transmittances + p);
+        const Float weight_if = alpha * before;
+        // A finished pixel's transmittance is negative, which fails the second test too.
+        const Mask passes = exponent >= cutoff, adds = passes & (before - weight_if > min_transmittance);
+        const Float weight = zero_unless(adds, weight_if);
+        negative_where(and_not(passes, adds), before - weight).store(transmittances + p);
+        store_where(adds, pixel_ends + p, view.place + 1);
+        accumulate(reds + p, weight, Float(view.color[0]));
+        accumulate(greens + p, weight, Float(view.color[1]));
+        accumulate(blues + p, weight, Float(view.color[2]));
+        if constexpr (kExtras) {
+          if (tile.depth) {
+            accumulate(tile.depth + p, weight, Float(view.depth));
+            accumulate(tile.weight + p, weight, one);
+          }
+          const float* const features = list.features + std::size_t{view.gaussian} * list.feature_count;
+          for (int c = 0; c < list.feature_count; ++c) {
+            accumulate(tile.features + c * kTilePixels + p, weight, Float(features[c]));
+          }
         }
-        transmittance.store(tile.transmittance + p);
-      }
-      if (finished_some) {
-        bool any_left = false;
-        for (int k = 0; k < kBlockVectors; ++k) {
-          any_left |= any(Float::load(tile.transmittance + block * kBlockPixels + k * Float::kWidth) > zero);
-        }
-        if (!any_left) alive &= ~(1u << block);
       }
     }
+    done += taken;
+    for (std::uint64_t rest = alive.bits; rest != 0; rest &= rest - 1) {
+      const int block = __builtin_ctzll(rest);
+      bool any_left = false;
+      for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
+        any_left |= any(Float::load(transmittances + block * kBlockPixels + k) > zero);
+      }
+      alive.bits &= ~(static_cast<std::uint64_t>(!any_left) << block);
+    }
   }
-  return i;
 }
 
 }  // namespace aa4d::AA4D_ARCH

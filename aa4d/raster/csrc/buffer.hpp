@@ -1,4 +1,5 @@
-// A grow-only array for scratch memory: keeps its storage between frames and never initialises it.
+// A grow-only array for scratch memory: keeps its storage between frames and never initialises it. Its accessors are
+// always inlined, since kernels compiled for instruction sets that not every machine has use them too.
 #pragma once
 
 #include <cstddef>
@@ -41,11 +42,11 @@ class Buffer {
     data_[size_++] = value;
   }
 
-  T* data() { return data_; }
-  const T* data() const { return data_; }
-  std::size_t size() const { return size_; }
-  T& operator[](std::size_t i) { return data_[i]; }
-  const T& operator[](std::size_t i) const { return data_[i]; }
+  [[gnu::always_inline]] T* data() { return data_; }
+  [[gnu::always_inline]] const T* data() const { return data_; }
+  [[gnu::always_inline]] std::size_t size() const { return size_; }
+  [[gnu::always_inline]] T& operator[](std::size_t i) { return data_[i]; }
+  [[gnu::always_inline]] const T& operator[](std::size_t i) const { return data_[i]; }
 
  private:
   static constexpr std::size_t kAlignment = 64;  // a cache line, and the widest register

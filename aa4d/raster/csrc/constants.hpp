@@ -5,15 +5,21 @@ namespace aa4d {
 
 inline constexpr double kDilation = 0.3;        // added to both diagonals of the projected covariance, px^2
 inline constexpr double kMaxAlpha = 0.99;       // keeps 1 - alpha away from zero
-inline constexpr double kMinAlpha = 1.0 / 255;  // a fainter contribution is skipped
-inline constexpr double kMinTransmittance = 1e-4;  // a pixel is finished before it would fall to this
 inline constexpr double kFrustumMargin = 0.3;   // how far outside the image, in half fields of view, J follows x / z
-inline constexpr double kMinQuaternionNorm = 1e-12;
+inline constexpr double kMinQuaternionNorm = 1e-12;  // a shorter quaternion turns less and less: zero, not at all
+inline constexpr double kMinCompensation = 0.005;  // of the antialiased mode
 
-inline constexpr int kTileSize = 16;                      // px
+inline constexpr int kMaxFeatures = 32;
+
+// A tile is what one thread draws at a time; its quarters are tested against a Gaussian block by block.
+inline constexpr int kTileSize = 32;     // px
+inline constexpr int kQuarterSize = 16;  // px
+inline constexpr int kBlockSize = 4;     // px
 inline constexpr int kTilePixels = kTileSize * kTileSize;
-inline constexpr int kBlockSize = 4;                      // px; 16 pixels: one AVX-512 register
-inline constexpr int kBlockPixels = kBlockSize * kBlockSize;
-inline constexpr int kTileBlocks = kTilePixels / kBlockPixels;  // 16 as well: one register tests all blocks of a tile
+inline constexpr int kTileQuarters = 4;
+inline constexpr int kQuarterBlocks = 16;  // one AVX-512 register tests all blocks of a quarter
+inline constexpr int kBlockPixels = 16;    // and one holds all pixels of a block
+inline constexpr int kGroupQuarters = 16;  // and one tests 2x2 tiles quarter by quarter
+inline constexpr int kTileBlocks = kTileQuarters * kQuarterBlocks;
 
 }  // namespace aa4d

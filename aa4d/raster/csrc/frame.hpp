@@ -7,26 +7,9 @@
 
 #include "buffer.hpp"
 #include "constants.hpp"
+#include "scene.hpp"
 
 namespace aa4d {
-
-struct CameraModel {
-  double rotation[9];  // world to camera, row by row
-  double translation[3];
-  double fx, fy, cx, cy;
-  double near;
-  int width, height;
-};
-
-// What the user passes, as plain arrays.
-struct Scene {
-  std::size_t count = 0;
-  const float* means = nullptr;
-  const float* quaternions = nullptr;
-  const float* scales = nullptr;
-  const float* opacities = nullptr;
-  const float* colors = nullptr;
-};
 
 // A projected Gaussian, in one cache line. With (dx, dy) from its centre to a pixel's centre,
 //   u = l11 dx + l21 dy,  w = l22 dy,  alpha = 2^(log2_opacity - u^2 - w^2):
@@ -43,49 +26,71 @@ struct alignas(64) Splat {
 };
 static_assert(sizeof(Splat) == 64);
 
-// The gradient sums of one Gaussian over the pixels of one tile.
+// The quarters of tiles that the box around a splat's ellipse touches: columns [x_begin, x_end), rows likewise.
+struct QuarterBox {
+  std::uint16_t x_begin, x_end, y_begin, y_end;
+};
+
+// The gradient sums of one Gaussian over the pixels of one tile, v being dL/d(ln alpha).
 struct alignas(64) SplatGradient {
   float color[3];
-  float v;                // sum of dL/d(ln alpha)
-  float vu, vw;           // its first moments in (u, w)
-  float vuu, vuw, vww;    // and the second ones
+  float v, vu, vw, vuu, vuw, vww;       // moments of v in the splat's (u, w) frame
   float depth;
-  float unused[6];
+  float absolute_vu, absolute_vy;       // sums of |v u| and of |v (l21 u + l22 w)|
+  float unused[4];
 };
 static_assert(sizeof(SplatGradient) == 64);
 
-// A Gaussian in the depth-ordered list of a tile; `slot` is the place of this pair's gradient.
+// A Gaussian in the depth-ordered list of a tile.
 struct TileEntry {
-  std::uint32_t gaussian;
-  std::uint32_t slot;
+  std::uint32_t gaussian : 28;
+  std::uint32_t quarters : 4;  // one bit for each quarter of the tile that it reaches
+  std::uint32_t slot;          // the place of this pair's gradient
+  std::uint16_t blocks[4];     // of each quarter, one bit for each block that it may add to; the forward pass finds them
+};
+inline constexpr std::size_t kMaxGaussians = std::size_t{1} << 28;
+
+// The slots of one Gaussian.
+struct SlotRange {
+  std::uint32_t begin, end;
 };
 
-// Gaussians are projected in chunks of this size, whatever the number of threads.
-inline constexpr std::size_t kProjectionChunk = 1024;
+struct TouchedTile {
+  std::uint32_t tile : 28;
+  std::uint32_t quarters : 4;
+};
+
+// Gaussians are worked on in chunks of this size, whatever the number of threads: sums over chunks keep their order.
+inline constexpr std::size_t kChunk = 1024;
 
 struct Frame {
   CameraModel camera;
   std::size_t count = 0;
   int tiles_x = 0, tiles_y = 0;
-  bool with_depth = false;
 
-  Buffer<Splat> splats;                  // [N]
-  Buffer<std::uint32_t> depth_keys;      // [N]
-  Buffer<std::uint32_t> slot_begin;      // [N + 1]: the slots of Gaussian g are [slot_begin[g], slot_begin[g + 1])
-  Buffer<std::uint32_t> tile_begin;      // [tiles + 1]
-  Buffer<TileEntry> entries;             // [pairs of a tile and a Gaussian], tile by tile, near to far
-  Buffer<float> transmittance;           // [tiles * 256], block by block; what is left behind the last contribution
-  Buffer<std::int32_t> stop;             // [tiles * 256]: the place in the tile's list at which the pixel was finished
-  Buffer<std::uint32_t> tile_end;        // [tiles]: how much of the tile's list was looked at
+  Buffer<Splat> splats;               // [N]
+  Buffer<SlotRange> slots;            // [N]
+  Buffer<std::uint32_t> tile_begin;   // [tiles + 1]
+  Buffer<TileEntry> entries;          // [slots], tile by tile, near to far
+  // [tiles * 1024], quarter by quarter and block by block:
+  Buffer<float> transmittance;        // behind the last contribution
+  Buffer<std::int32_t> pixel_end;     // one past the place in the tile's list of the last contribution
+  Buffer<float> weight;               // sum of the weights; filled when depth was asked for
 
-  // Scratch.
-  std::vector<Buffer<std::uint32_t>> chunk_tiles;  // per chunk of Gaussians: the tiles they touch, one after another
-  Buffer<std::uint32_t> order, order_other;
-  Buffer<std::uint32_t> cursor;
-  Buffer<SplatGradient> gradients;       // [slots]
-  Buffer<double> background_gradient;    // [tiles * 3]
+  // Scratch, of no use once the call that filled it has returned.
+  Buffer<QuarterBox> boxes;           // [N]
+  Buffer<std::uint32_t> depth_keys;   // [N] bits of the depth, zero for what is not seen
+  Buffer<std::uint64_t> order, order_other;  // seen Gaussians near to far: depth in the upper, index in the lower half
+  Buffer<std::uint32_t> touched_count;       // [seen] how many tiles each of them touches
+  std::vector<Buffer<TouchedTile>> touched;  // per chunk of that order: those tiles, one after another
+  Buffer<std::uint32_t> histogram;           // of digits while sorting, then of tiles for each chunk
+  Buffer<std::uint32_t> chunk_slots;         // each chunk's first slot
+  Buffer<SplatGradient> gradients;    // [slots]
+  Buffer<float> feature_gradients;    // [slots, F]
+  Buffer<double> partial_sums;        // per tile or chunk
 
   int tiles() const { return tiles_x * tiles_y; }
+  std::size_t chunks() const { return (count + kChunk - 1) / kChunk; }
 };
 
 struct ReturnToPool {

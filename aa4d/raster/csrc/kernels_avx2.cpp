@@ -2,6 +2,6 @@
 
 namespace aa4d {
 
-const Kernels kAvx2Kernels = {"avx2", &avx2::forward, &avx2::backward};
+const Kernels kAvx2Kernels = avx2::kKernels;
 
 }  // namespace aa4d

@@ -2,6 +2,6 @@
 
 namespace aa4d {
 
-const Kernels kAvx512Kernels = {"avx512", &avx512::forward, &avx512::backward};
+const Kernels kAvx512Kernels = avx512::kKernels;
 
 }  // namespace aa4d

@@ -2,6 +2,6 @@
 
 namespace aa4d {
 
-const Kernels kPortableKernels = {"portable", &portable::forward, &portable::backward};
+const Kernels kPortableKernels = portable::kKernels;
 
 }  // namespace aa4d

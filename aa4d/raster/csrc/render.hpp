@@ -2,34 +2,20 @@
 #pragma once
 
 #include "frame.hpp"
-#include "projection.hpp"
+#include "scene.hpp"
 
 namespace aa4d {
 
-struct Settings {
-  double min_alpha;
-  double min_transmittance;
-  int threads;
-};
+// Draws the scene into `image` and the radii [N], which are zero for what cannot be seen. Null if a Gaussian is not
+// finite and the settings do not ask to mask it.
+FramePtr render(const Scene& scene, const CameraModel& camera, const Settings& settings, const Image& image,
+                std::int32_t* radii);
 
-// Row-major images; depth may be null.
-struct Image {
-  float* color;  // [H, W, 3]
-  float* alpha;  // [H, W]
-  float* depth;  // [H, W]
-};
+// The gradient of what render() drew, from the same scene and settings.
+void render_backward(const Scene& scene, const Settings& settings, Frame& frame, const ImageGradient& image,
+                     const SceneGradient& gradient);
 
-struct ImageGradient {
-  const float* color;
-  const float* alpha;
-  const float* depth;     // gradient, and
-  const float* depth_of;  // the depth that was rendered
-};
-
-FramePtr render(const Scene& scene, const CameraModel& camera, const double background[3], const Settings& settings,
-                const Image& image, std::int32_t* radii);
-
-void render_backward(const Scene& scene, Frame& frame, const double background[3], const Settings& settings,
-                     const ImageGradient& image, const SceneGradient& gradient, double background_gradient[3]);
+// The contributions of a Gaussian to a pixel that render() added.
+std::uint64_t count_pairs(const Settings& settings, Frame& frame);
 
 }  // namespace aa4d

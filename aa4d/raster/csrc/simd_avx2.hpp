@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #define AA4D_ARCH avx2
+#define AA4D_ARCH_NAME "avx2"
 
 namespace aa4d::avx2 {
 
@@ -37,7 +38,7 @@ inline bool any(Mask a) { return _mm256_movemask_ps(a.m) != 0; }
 inline std::uint32_t bits(Mask a) { return static_cast<std::uint32_t>(_mm256_movemask_ps(a.m)); }
 inline Float select(Mask m, Float a, Float b) { return _mm256_blendv_ps(b.v, a.v, m.m); }
 inline Float zero_unless(Mask m, Float a) { return _mm256_and_ps(m.m, a.v); }
-inline Float negate(Float a) { return _mm256_xor_ps(a.v, _mm256_set1_ps(-0.0f)); }
+inline Float negative_where(Mask m, Float a) { return _mm256_or_ps(a.v, _mm256_and_ps(m.m, _mm256_set1_ps(-0.0f))); }
 inline Float abs(Float a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), a.v); }
 inline float sum(Float a) {
   __m128 s = _mm_add_ps(_mm256_castps256_ps128(a.v), _mm256_extractf128_ps(a.v, 1));
@@ -45,11 +46,21 @@ inline float sum(Float a) {
   return _mm_cvtss_f32(_mm_add_ss(s, _mm_movehdup_ps(s)));
 }
 
-// 1 / a to the last bit or two.
-inline Float reciprocal(Float a) {
-  const __m256 r = _mm256_rcp_ps(a.v);
-  return _mm256_mul_ps(r, _mm256_fnmadd_ps(a.v, r, _mm256_set1_ps(2.0f)));
+// Writes base + i for every bit i of the mask, in order; returns how many. May write up to 16 places.
+inline int append_lanes(std::uint32_t mask, std::uint32_t base, std::uint32_t* out) {
+  int count = 0;
+  for (; mask != 0; mask &= mask - 1) out[count++] = base + __builtin_ctz(mask);
+  return count;
 }
+
+// out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0.
+inline void sum_each(const Float (&values)[12], float* out) {
+  for (int k = 0; k < 12; ++k) out[k] = sum(values[k]);
+  for (int k = 12; k < 16; ++k) out[k] = 0;
+}
+
+// A true division: one Newton step on the 12 bits of rcpps errs to one side, which adds up over thousands of layers.
+inline Float reciprocal(Float a) { return _mm256_div_ps(_mm256_set1_ps(1.0f), a.v); }
 
 // The lanes of p whose integer is above `value`.
 inline Mask above(const std::int32_t* p, std::int32_t value) {

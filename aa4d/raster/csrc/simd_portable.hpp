@@ -6,6 +6,7 @@
 #include <cstring>
 
 #define AA4D_ARCH portable
+#define AA4D_ARCH_NAME "portable"
 
 namespace aa4d::portable {
 
@@ -49,9 +50,21 @@ inline std::uint32_t bits(Mask a) {
 inline bool any(Mask a) { return (a.m[0] | a.m[1] | a.m[2] | a.m[3]) != 0; }
 inline Float select(Mask m, Float a, Float b) { return m.m ? a.v : b.v; }
 inline Float zero_unless(Mask m, Float a) { return Lanes(m.m & IntLanes(a.v)); }
-inline Float negate(Float a) { return -a.v; }
+inline Float negative_where(Mask m, Float a) { return Lanes(IntLanes(a.v) | (m.m & IntLanes(Lanes{-0.0f, -0.0f, -0.0f, -0.0f}))); }
 inline Float abs(Float a) { return Lanes(IntLanes(a.v) & 0x7fffffff); }
 inline float sum(Float a) { return (a.v[0] + a.v[2]) + (a.v[1] + a.v[3]); }
+// Writes base + i for every bit i of the mask, in order; returns how many. May write up to 16 places.
+inline int append_lanes(std::uint32_t mask, std::uint32_t base, std::uint32_t* out) {
+  int count = 0;
+  for (; mask != 0; mask &= mask - 1) out[count++] = base + __builtin_ctz(mask);
+  return count;
+}
+
+// out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0.
+inline void sum_each(const Float (&values)[12], float* out) {
+  for (int k = 0; k < 12; ++k) out[k] = sum(values[k]);
+  for (int k = 12; k < 16; ++k) out[k] = 0;
+}
 inline Float reciprocal(Float a) { return 1.0f / a.v; }
 
 // The lanes of p whose integer is above `value`.

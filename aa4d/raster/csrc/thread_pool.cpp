@@ -60,6 +60,7 @@ class ThreadPool {
     }
     if (helpers == 1) wake_.notify_one(); else wake_.notify_all();
     job.work();
+    spin_until([this] { return active_ == 0; });
     std::unique_lock lock(mutex_);
     job_ = nullptr;  // who has not joined by now need not
     idle_.wait(lock, [this] { return active_ == 0; });
@@ -67,10 +68,24 @@ class ThreadPool {
   }
 
  private:
+  // One phase of an image follows another within microseconds, which is less than it takes to fall asleep and wake up.
+  template <class Condition>
+  static void spin_until(const Condition& met) {
+    constexpr int kTurns = 1000;
+    for (int i = 0; i < kTurns && !met(); ++i) {
+#if defined(__x86_64__)
+      __builtin_ia32_pause();
+#endif
+    }
+  }
+
   void serve() {
     std::size_t seen = 0;
     std::unique_lock lock(mutex_);
     for (;;) {
+      lock.unlock();
+      spin_until([&] { return generation_ != seen; });
+      lock.lock();
       wake_.wait(lock, [&] { return stopping_ || (job_ != nullptr && generation_ != seen); });
       if (stopping_) return;
       seen = generation_;
@@ -88,8 +103,8 @@ class ThreadPool {
   std::condition_variable wake_, idle_;
   std::vector<std::thread> workers_;
   Job* job_ = nullptr;
-  std::size_t generation_ = 0;
-  int active_ = 0;
+  std::atomic<std::size_t> generation_ = 0;
+  std::atomic<int> active_ = 0;
   bool stopping_ = false;
 };
 

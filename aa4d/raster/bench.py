@@ -1,0 +1,315 @@
+"""Times the native rasteriser on random scenes, beside what the machine could do at best: `aa4d bench raster`."""
+
+from __future__ import annotations
+
+import gc
+import json
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import torch
+from rich.console import Console
+from rich.table import Table
+from torch import Tensor
+
+from aa4d.raster import Camera, Gaussians, Options, _native, rasterize, reference
+from aa4d.raster.cutoffs import CUTOFFS, Cutoffs
+from aa4d.raster.native import draw
+
+Precision = Literal["fast", "exact"]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """How many Gaussians, of which mean size on the screen, on how large an image."""
+
+    gaussians: int
+    width: int
+    height: int
+    radius_px: float = 12.0  # mean of three standard deviations
+    with_reference: bool = False  # whether the torch reference finishes in reasonable time and memory
+
+
+SCENES = (
+    Scene(10_000, 480, 270, with_reference=True),
+    Scene(50_000, 640, 360),
+    Scene(100_000, 960, 540),
+    Scene(400_000, 1280, 720),
+)
+# Of different sizes and numbers, to tell what a pair costs from what a Gaussian does.
+SCALING = tuple(Scene(count, 640, 360, radius) for count in (10_000, 30_000, 90_000) for radius in (3.0, 6.0, 12.0))
+ERRORS = Scene(2_000, 160, 90)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was measured of one scene. Times are the best of the repeats unless named otherwise."""
+
+    gaussians: int
+    width: int
+    height: int
+    threads: int
+    instruction_set: str
+    forward_ms: float
+    forward_median_ms: float
+    backward_ms: float
+    backward_median_ms: float
+    pairs: int  # contributions of a Gaussian to a pixel
+    pairs_per_second_forward: float
+    pairs_per_second_backward: float
+    bound_fraction_forward: float  # of the speed of a loop that does a contribution's arithmetic and nothing else
+    bound_fraction_backward: float
+    thread_speedup: float | None  # of forward and backward together, against one thread
+    reference_ratio: float | None  # how many times longer the torch reference takes, forward and backward together
+    peak_mib: float  # resident memory at its highest, above that of the process before the first scene
+
+
+def bench(
+    scenes: Sequence[Scene] = SCENES, repeats: int = 7, json_path: Path | None = None, console: Console | None = None
+) -> list[dict[str, object]]:
+    """Measure scenes, print a table, and return (and write to `json_path`) one row for each."""
+    console = console or Console()
+    rows, before = [], _memory_mib("VmRSS")
+    for scene in scenes:
+        with console.status(_name(scene)):
+            rows.append(measure(scene, repeats, before))
+    console.print(_speed_table(rows))
+    result = [asdict(row) for row in rows]
+    if json_path is not None:
+        json_path.write_text(json.dumps(result, indent=1) + "\n")
+    return result
+
+
+def bench_precision(repeats: int = 7, console: Console | None = None) -> None:
+    """Print what each precision costs, and what error it leaves against float64 without any cut-off."""
+    table = Table(
+        title=f"Precision: time on {_name(SCENES[0])}, errors on {_name(ERRORS)} against float64, no cut-offs"
+    )
+    for column in (
+        "precision",
+        "alpha from",
+        "transmittance to",
+        "forward ms",
+        "backward ms",
+        "largest error",
+        "rms error",
+        "gradient error",
+    ):
+        table.add_column(column, justify="right")
+    gaussians, camera = random_scene(ERRORS)
+    truth, truth_gradient = _image_and_gradient(gaussians, camera, None)
+    for precision in get_args(Precision):
+        image, gradient = _image_and_gradient(gaussians, camera, precision)
+        forward, backward = _time(*random_scene(SCENES[0]), "native", repeats, precision)
+        error = image.double() - truth
+        table.add_row(
+            precision,
+            f"{CUTOFFS[precision].alpha:.2g}",
+            f"{CUTOFFS[precision].transmittance:.2g}",
+            f"{1e3 * min(forward):.1f}",
+            f"{1e3 * min(backward):.1f}",
+            f"{float(error.abs().max()):.1e}",
+            f"{float(error.square().mean().sqrt()):.1e}",
+            f"{float((gradient.double() - truth_gradient).norm() / truth_gradient.norm()):.1e}",
+        )
+    (console or Console()).print(table)
+
+
+def bench_scaling(repeats: int = 7, console: Console | None = None) -> None:
+    """Fit time = a pairs + b Gaussians + c over scenes that differ in both, and print how well it fits."""
+    rows = [measure(scene, repeats, _memory_mib("VmRSS"), single_thread=False) for scene in SCALING]
+    inputs = torch.tensor([[row.pairs, row.gaussians, 1.0] for row in rows], dtype=torch.float64)
+    table = Table(title=f"Linear fit over {len(rows)} scenes, {rows[0].threads} threads")
+    for column in ("pass", "ns per pair", "ns per Gaussian", "ms per image", "R^2", "largest deviation"):
+        table.add_column(column, justify="right")
+    for name in ("forward", "backward"):
+        times = torch.tensor([getattr(row, f"{name}_ms") for row in rows], dtype=torch.float64)
+        # Relative deviations are what counts: small scenes would not matter otherwise.
+        fit = torch.linalg.lstsq(inputs / times[:, None], torch.ones(len(rows), 1, dtype=torch.float64)).solution[:, 0]
+        predicted = inputs @ fit
+        r2 = 1 - (times - predicted).square().sum() / (times - times.mean()).square().sum()
+        deviation = (predicted / times - 1).abs().max()
+        pair, gaussian, image = fit.tolist()
+        table.add_row(
+            name,
+            f"{1e6 * pair:.2f}",
+            f"{1e6 * gaussian:.0f}",
+            f"{image:.2f}",
+            f"{float(r2):.3f}",
+            f"{float(deviation):.0%}",
+        )
+    (console or Console()).print(table)
+
+
+def random_scene(scene: Scene, seed: int = 0) -> tuple[Gaussians, Camera]:
+    """Gaussians spread evenly over the image, 2 to 10 units deep, opacity 0.05 to 0.95, somewhat elongated."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def uniform(*shape: int) -> Tensor:
+        return torch.rand(*shape, generator=generator)
+
+    focal = 0.8 * scene.width
+    depth = 2 + 8 * uniform(scene.gaussians, 1)
+    sideways = (uniform(scene.gaussians, 2) - 0.5) * torch.tensor([scene.width, scene.height]) / focal * depth
+    # exp(s n) has mean exp(s^2 / 2).
+    elongation = torch.exp(0.5 * torch.randn(scene.gaussians, 3, generator=generator) - 0.125)
+    gaussians = Gaussians(
+        means=torch.cat([sideways, depth], dim=-1),
+        quaternions=torch.randn(scene.gaussians, 4, generator=generator),
+        scales=scene.radius_px / 3 / focal * depth * elongation,
+        opacities=0.05 + 0.9 * uniform(scene.gaussians),
+        colors=uniform(scene.gaussians, 3),
+    )
+    K = torch.tensor([[focal, 0, scene.width / 2], [0, focal, scene.height / 2], [0, 0, 1]])
+    return gaussians, Camera(torch.eye(4), K, scene.width, scene.height)
+
+
+def measure(scene: Scene, repeats: int, before_mib: float, single_thread: bool = True) -> Row:
+    """Time one scene, forward and backward, with as many threads as torch has, and with one."""
+    gc.collect()
+    _reset_peak()
+    gaussians, camera = random_scene(scene)
+    frame, _ = draw(gaussians, camera, torch.zeros(3), Options())
+    pairs = frame.count_pairs()
+    del frame
+    threads = torch.get_num_threads()
+    forward, backward = _time(gaussians, camera, "native", repeats)
+    peak = _memory_mib("VmHWM") - before_mib
+    bound_forward, bound_backward = (_arithmetic_seconds(is_backward, pairs) for is_backward in (False, True))
+    speedup = None
+    if single_thread and threads > 1:
+        torch.set_num_threads(1)
+        try:
+            single = sum(min(times) for times in _time(gaussians, camera, "native", repeats))
+        finally:
+            torch.set_num_threads(threads)
+        speedup = single / (min(forward) + min(backward))
+    ratio = None
+    if scene.with_reference:
+        ratio = sum(min(times) for times in _time(gaussians, camera, "reference", 1)) / (min(forward) + min(backward))
+    return Row(
+        gaussians=scene.gaussians,
+        width=scene.width,
+        height=scene.height,
+        threads=threads,
+        instruction_set=_native.instruction_set(),
+        forward_ms=1e3 * min(forward),
+        forward_median_ms=1e3 * statistics.median(forward),
+        backward_ms=1e3 * min(backward),
+        backward_median_ms=1e3 * statistics.median(backward),
+        pairs=pairs,
+        pairs_per_second_forward=pairs / min(forward),
+        pairs_per_second_backward=pairs / min(backward),
+        bound_fraction_forward=bound_forward / min(forward),
+        bound_fraction_backward=bound_backward / min(backward),
+        thread_speedup=speedup,
+        reference_ratio=ratio,
+        peak_mib=peak,
+    )
+
+
+def _speed_table(rows: Sequence[Row]) -> Table:
+    first = rows[0]
+    table = Table(title=f"Native rasteriser, {first.instruction_set}, {first.threads} threads: best (median) ms")
+    columns: list[tuple[str, Callable[[Row], str]]] = [
+        ("Gaussians", lambda row: str(row.gaussians)),
+        ("image", lambda row: f"{row.width}x{row.height}"),
+        ("forward", lambda row: f"{row.forward_ms:.1f} ({row.forward_median_ms:.1f})"),
+        ("backward", lambda row: f"{row.backward_ms:.1f} ({row.backward_median_ms:.1f})"),
+        ("pairs", lambda row: f"{row.pairs / 1e6:.1f} M"),
+        (
+            "G pairs/s",
+            lambda row: f"{row.pairs_per_second_forward / 1e9:.2f} / {row.pairs_per_second_backward / 1e9:.2f}",
+        ),
+        ("of bound", lambda row: f"{row.bound_fraction_forward:.2f} / {row.bound_fraction_backward:.2f}"),
+        ("threads", lambda row: "" if row.thread_speedup is None else f"x{row.thread_speedup:.2f}"),
+        ("reference", lambda row: "" if row.reference_ratio is None else f"x{row.reference_ratio:.0f}"),
+        ("peak MiB", lambda row: f"{row.peak_mib:.0f}"),
+    ]
+    for name, _ in columns:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(*(text(row) for _, text in columns))
+    return table
+
+
+def _name(scene: Scene) -> str:
+    return f"{scene.gaussians} at {scene.width}x{scene.height}"
+
+
+def _leaves(gaussians: Gaussians) -> dict[str, Tensor]:
+    given: dict[str, Tensor] = {name: value for name, value in vars(gaussians).items() if value is not None}
+    return {name: value.detach().clone().requires_grad_() for name, value in given.items()}
+
+
+def _weights(camera: Camera) -> Tensor:
+    return torch.randn(camera.height, camera.width, 3, generator=torch.Generator().manual_seed(1))
+
+
+def _image_and_gradient(gaussians: Gaussians, camera: Camera, precision: Precision | None) -> tuple[Tensor, Tensor]:
+    """A picture, and the gradient of all means, scales and opacities in one; float64 without cut-offs for None."""
+    dtype = torch.float64 if precision is None else torch.float32
+    leaves = {name: value.to(dtype).detach().requires_grad_() for name, value in _leaves(gaussians).items()}
+    background = torch.zeros(3, dtype=dtype)
+    if precision is None:
+        image = reference.rasterize(Gaussians(**leaves), camera, background, Options(), Cutoffs(1e-15, 0))
+    else:
+        image = rasterize(Gaussians(**leaves), camera, background=background, precision=precision)
+    image.color.backward(_weights(camera).to(dtype))
+    parts = (leaves[name].grad for name in ("means", "scales", "opacities"))
+    return image.color.detach(), torch.cat([part.flatten() for part in parts if part is not None])
+
+
+def _time(
+    gaussians: Gaussians,
+    camera: Camera,
+    backend: Literal["native", "reference"],
+    repeats: int,
+    precision: Precision = "fast",
+) -> tuple[list[float], list[float]]:
+    """Seconds of each forward and each backward pass through the public interface, after one that is not counted."""
+    leaves, weights, background = _leaves(gaussians), _weights(camera), torch.zeros(3)
+    forward, backward = [], []
+    warm_up = 1 if backend == "native" else 0
+    for _ in range(repeats + warm_up):
+        for leaf in leaves.values():
+            leaf.grad = None
+        start = time.perf_counter()
+        image = rasterize(Gaussians(**leaves), camera, background=background, backend=backend, precision=precision)
+        middle = time.perf_counter()
+        image.color.backward(weights)
+        forward.append(middle - start)
+        backward.append(time.perf_counter() - middle)
+    return forward[warm_up:], backward[warm_up:]
+
+
+def _arithmetic_seconds(is_backward: bool, pairs: int) -> float:
+    """The least time that the arithmetic of so many contributions takes on all threads."""
+    sample = 5_000_000  # about a millisecond: short enough to run undisturbed once in a while
+    times = []
+    for _ in range(50):
+        start = time.perf_counter()
+        _native.arithmetic(is_backward, sample, torch.get_num_threads())
+        times.append(time.perf_counter() - start)
+    return min(times) * pairs / sample
+
+
+def _reset_peak() -> None:
+    """Let Linux count the process's peak of resident memory anew; elsewhere the peak is that of the whole process."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return
+
+
+def _memory_mib(field: str) -> float:
+    """A field of /proc/self/status in MiB; NaN where there is no such file."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return float("nan")
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith(field + ":"))

@@ -1,0 +1,67 @@
+"""Refusing what cannot be drawn, in one sentence that names the tensor."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from aa4d.raster.constants import MAX_FEATURES
+from aa4d.raster.types import Camera, Gaussians
+
+
+def check_shapes(gaussians: Gaussians, camera: Camera, background: Tensor) -> None:
+    """Raises ValueError where a shape, or the size of the image, is wrong."""
+    count = len(gaussians.means) if gaussians.means.dim() else 0
+    expected: list[tuple[str, Tensor, tuple[int, ...]]] = [
+        ("means", gaussians.means, (count, 3)),
+        ("quaternions", gaussians.quaternions, (count, 4)),
+        ("scales", gaussians.scales, (count, 3)),
+        ("opacities", gaussians.opacities, (count,)),
+        ("colors", gaussians.colors, (count, 3)),
+        ("viewmat", camera.viewmat, (4, 4)),
+        ("K", camera.K, (3, 3)),
+        ("background", background, (3,)),
+    ]
+    for name, tensor, shape in expected:
+        if tensor.shape != shape:
+            raise ValueError(f"{name} has shape {list(tensor.shape)}, expected {list(shape)}")
+    features = gaussians.features
+    if features is not None and (features.dim() != 2 or len(features) != count or features.shape[1] > MAX_FEATURES):
+        raise ValueError(f"features has shape {list(features.shape)}, expected [{count}, at most {MAX_FEATURES}]")
+    if camera.width < 1 or camera.height < 1:
+        raise ValueError(f"the image has {camera.width} x {camera.height} pixels, expected at least 1 x 1")
+
+
+def check_camera(camera: Camera, background: Tensor) -> None:
+    """Raises ValueError where the camera or the background holds no usable numbers."""
+    for name, tensor in (("viewmat", camera.viewmat), ("K", camera.K), ("background", background)):
+        _check_finite(name, tensor)
+    (fx, skew, _), (below, fy, _), _ = camera.K.tolist()
+    if fx <= 0 or fy <= 0 or skew or below:
+        raise ValueError(f"K has focal lengths {fx}, {fy} and skew {skew or below}, expected positive ones and no skew")
+    if not camera.near > 0:
+        raise ValueError(f"near is {camera.near}, expected more than 0")
+
+
+def check_gaussians(gaussians: Gaussians) -> None:
+    """Raises ValueError at the first NaN or infinity."""
+    for name, tensor in vars(gaussians).items():
+        if tensor is not None:
+            _check_finite(name, tensor)
+
+
+def finite(gaussians: Gaussians) -> Tensor:
+    """[N] whether everything about a Gaussian is finite."""
+    result = torch.isfinite(gaussians.opacities)
+    for tensor in vars(gaussians).values():
+        if tensor is not None and tensor.dim() == 2:
+            result = result & torch.isfinite(tensor).all(dim=-1)
+    return result
+
+
+def _check_finite(name: str, tensor: Tensor) -> None:
+    bad = ~torch.isfinite(tensor.detach())
+    if bad.any():
+        first = tuple(bad.nonzero()[0].tolist())
+        place = ", ".join(str(index) for index in first)
+        raise ValueError(f"{name}[{place}] is {tensor[first].item()}, expected a finite number")
