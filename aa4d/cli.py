@@ -100,6 +100,26 @@ def demo(
     run_demo(scene, out, PRESETS["quick"], console, training_progress, step_progress)
 
 
+@app.command
+def bench(
+    what: Annotated[
+        Positional[Literal["raster", "precision", "scaling"]],
+        arg(help="The rasteriser's speed, what its precisions cost and leave, or how its time grows."),
+    ],
+    json: Annotated[Path | None, arg(help="File to write the rows of `raster` to, for machines.")] = None,
+    repeats: Annotated[int, arg(help="Runs of each scene; the best counts.")] = 7,
+) -> None:
+    """Measure the CPU rasteriser on this machine, on random scenes."""
+    from aa4d.raster import bench as measure
+
+    if what == "raster":
+        measure.bench(repeats=repeats, json_path=json, console=console)
+    elif what == "precision":
+        measure.bench_precision(repeats, console)
+    else:
+        measure.bench_scaling(repeats, console)
+
+
 @contextmanager
 def training_progress() -> Iterator[TrainingBar]:
     with Progress(

@@ -172,13 +172,16 @@ class Run:
         """One iteration on one view; returns loss and PSNR of that view.
 
         Raises:
-            InputError: the loss is not finite; names the first parameter group that is not.
+            InputError: what is drawn or the loss is not finite; names the first parameter group that is not.
         """
         view = self._view(state.stage, state.iteration)
         model, optimiser = state.model, state.optimiser
         set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1))
         t = view.t if state.stage == "fine" else None
-        rendered = render(model, t, view.camera, self.background)
+        try:
+            rendered = render(model, t, view.camera, self.background)
+        except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
+            self._refuse_not_finite(state, f"what it draws ({error})")
         target = view.target()
         loss = self._loss(model, state.stage, rendered, target)
         if not math.isfinite(loss.item()):
