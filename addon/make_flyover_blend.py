@@ -8,6 +8,7 @@ The file is baked: it plays and renders in a Blender without the extension.
 
 import argparse
 import os
+import shutil
 import sys
 import tempfile
 import traceback
@@ -187,6 +188,8 @@ if __name__ == "__main__":
         code = 130
     except Exception:
         traceback.print_exc()
+    if "bpy" in sys.modules:
+        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)  # only Blender's own exit would
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)  # Blender 4.5 as a module can hang in its own exit

@@ -106,6 +106,10 @@ if __name__ == "__main__":
     except Exception:
         traceback.print_exc()
         code = 1
+    if "bpy" in sys.modules:
+        from synth.blender.session import remove_temporary_folder
+
+        remove_temporary_folder()
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)  # bpy 4.5 hangs in the interpreter's regular exit

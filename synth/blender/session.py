@@ -1,6 +1,7 @@
 """Blender as a process: an empty file, and none of its chatter on standard output."""
 
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Iterator
@@ -40,6 +41,11 @@ def interrupt_deferred() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if pending:
         raise KeyboardInterrupt
+
+
+def remove_temporary_folder() -> None:
+    """Delete Blender's own folder for temporary files, which only its regular exit would."""
+    shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
 
 
 def silence() -> TextIO:
