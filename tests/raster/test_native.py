@@ -129,3 +129,27 @@ def test_every_instruction_set_agrees(set_name: str, subprocess_python: Any) -> 
     if f"AA4D_SIMD={set_name}: this machine has no such kernels" in result.stderr:
         pytest.skip(f"this machine has no {set_name}")
     assert result.returncode == 0, result.stderr
+
+
+def test_a_forked_process_draws_too(subprocess_python: Any) -> None:
+    """The threads of the pool do not live on in a forked child, which must not wait for them.
+
+    Forward only: torch's own threads do not survive a fork either.
+    """
+    code = (
+        "from raster_scenes import *\n"
+        "import multiprocessing, sys\n"
+        "torch.set_num_threads(2)\n"
+        "gaussians, cam, background = random_gaussians(3000), camera(), torch.zeros(3)\n"
+        "def run():\n"
+        "    rasterize(gaussians, cam, background=background)\n"
+        "run()\n"
+        "child = multiprocessing.get_context('fork').Process(target=run)\n"
+        "child.start()\n"
+        "child.join(30)\n"
+        "code = child.exitcode\n"
+        "child.kill()\n"
+        "sys.exit('the child hangs' if code is None else code)\n"
+    )
+    result = subprocess_python(code)
+    assert result.returncode == 0, result.stderr
