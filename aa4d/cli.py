@@ -68,6 +68,8 @@ def train(
     from aa4d.training.config import PRESETS
     from aa4d.training.trainer import train as run_training
 
+    if seed < 0:
+        raise InputError(f"--seed {seed}: must not be negative")
     config = replace(PRESETS[preset], seed=seed)
     with training_progress() as progress:
         model = run_training(read_capture(capture), out, config, progress)
@@ -112,6 +114,10 @@ def bench(
     """Measure the CPU rasteriser on this machine, on random scenes."""
     from aa4d.raster import bench as measure
 
+    if repeats < 1:
+        raise InputError(f"--repeats {repeats}: must be at least 1")
+    if json is not None and not json.parent.is_dir():
+        raise InputError(f"--json {json}: there is no folder {json.parent}")
     if what == "raster":
         measure.bench(repeats=repeats, json_path=json, console=console)
     elif what == "precision":
@@ -165,7 +171,7 @@ class TrainingBar:
 @contextmanager
 def step_progress(description: str) -> Iterator[StepBar]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         yield StepBar(bar, description)
 
 
@@ -192,7 +198,7 @@ def metrics_table(metrics: dict) -> Table:
     table.add_row("PSNR, moving pixels", db(metrics["psnr_dynamic"]), db(metrics["psnr_dynamic_static"]))
     table.add_row("SSIM", f"{metrics['ssim']:.4f}", "")
     width, height = metrics["resolution"]
-    table.add_row("rendering", f"{metrics['fps']:.1f} fps at {width}x{height}, {metrics['threads']} threads", "")
+    table.add_row("rendering", f"{metrics['fps']:.1f} fps at {width}x{height}, {metrics['threads']} thread(s)", "")
     table.add_row("training", f"{metrics['training_seconds']:.0f} s", "")
     table.add_row("anchors / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from aa4d.blender import run_forwarding_interrupts, run_in_blender, script
 from aa4d.capture.reader import read_capture
-from aa4d.errors import InputError, Interrupted
+from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.files import make_folder, write_json
 from aa4d.model_file import copy_model
@@ -53,7 +53,7 @@ def run_demo(
     training_progress: MakeTrainingProgress,
     step_progress: MakeStepProgress,
 ) -> None:
-    """Raises InputError or Interrupted as its stages do; the same command continues at the stage that was stopped."""
+    """Raises as its stages do; the same command continues at the stage that was stopped."""
     if not scene.is_file():
         raise InputError(f"{scene}: no such scene file; scenes/ holds some")
     make_folder(out)
@@ -137,11 +137,11 @@ def summarise(metrics: dict[str, Any], seconds: dict[str, float]) -> dict[str, A
 
 
 def check(code: int) -> None:
-    """A child that failed has said why on its own."""
-    if code in (130, -2):
-        raise Interrupted("stopped; the same command continues from there")
+    """A child that refused its input or was interrupted has said so itself: its exit code becomes ours."""
+    if code in (2, 130):
+        sys.exit(code)
     if code != 0:
-        raise InputError(f"that stage ended with exit code {code}; its message stands above")
+        raise InputError(f"that stage failed with exit code {code}; what it printed stands above")
 
 
 class StageClock:

@@ -28,22 +28,15 @@ MODEL_VERSION = 1
 
 @dataclass(frozen=True)
 class LoadedModel:
-    model: AdaAnchor4D
-    header: dict[str, Any]  # the `aa4d` object of docs/formats.md
+    """A model and what of its header evaluation needs, checked."""
+
     path: Path
-
-    @property
-    def frame(self) -> ModelFrame:
-        return ModelFrame.from_matrix(np.array(self.header["model_to_world"], np.float64))
-
-    @property
-    def is_static(self) -> bool:
-        return bool(self.header["stage"] == "coarse")
-
-    @property
-    def capture_folder(self) -> Path | None:
-        capture = self.header.get("capture")
-        return None if capture is None else (self.path.parent / capture).resolve()
+    model: AdaAnchor4D
+    frame: ModelFrame
+    is_static: bool  # the coarse stage: the canonical anchors hold at every time
+    background: tuple[float, float, float]
+    training_seconds: float
+    capture_folder: Path | None
 
 
 def file_name_of(parameter: str) -> str:
@@ -115,7 +108,18 @@ def load_model(path: Path) -> LoadedModel:
     except RuntimeError as error:
         reason = str(error).splitlines()[-1].strip()
         raise InputError(f"{path}: the tensors do not fit the header's configuration ({reason})") from None
-    return LoadedModel(model.eval(), header, path)
+    try:
+        return LoadedModel(
+            path=path,
+            model=model.eval(),
+            frame=_frame(header["model_to_world"]),
+            is_static={"coarse": True, "fine": False}[header["stage"]],
+            background=_background(header["background"]),
+            training_seconds=float(header["training"]["seconds"]),
+            capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: the header is damaged ({error!r}); copy or train it again") from None
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
@@ -135,8 +139,10 @@ def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         raise InputError(f"{path}: a safetensors file, but not an AdaAnchor4D model (no aa4d header)") from None
     if kind != "aa4d-model":
         raise InputError(f"{path}: the header says format {kind!r}, expected 'aa4d-model'")
-    if not isinstance(version, int) or version > MODEL_VERSION:
-        raise InputError(f"{path}: model version {version!r} is newer than this aa4d reads ({MODEL_VERSION}); update")
+    if not isinstance(version, int) or version < 1:
+        raise InputError(f"{path}: model version {version!r} does not exist; copy or train it again")
+    if version > MODEL_VERSION:
+        raise InputError(f"{path}: model version {version} is newer than this aa4d reads ({MODEL_VERSION}); update")
     return header, tensors
 
 
@@ -164,6 +170,19 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: the header's config is incomplete ({error!r}); train the model again") from None
+
+
+def _frame(value: Any) -> ModelFrame:
+    """Raises ValueError for anything but a uniform scale and a translation."""
+    frame = ModelFrame.from_matrix(np.array(value, np.float64).reshape(4, 4))
+    if not (frame.unit_m > 0 and np.array_equal(frame.matrix(), value)):
+        raise ValueError("model_to_world is not a uniform scale and a translation")
+    return frame
+
+
+def _background(value: Any) -> tuple[float, float, float]:
+    red, green, blue = (float(component) for component in value)
+    return red, green, blue
 
 
 def _tensor(tensors: dict[str, Tensor], name: str, path: Path) -> Tensor:

@@ -149,7 +149,7 @@ def read_scene(path: Path) -> Scene:
         InputError: the file cannot be read, is not TOML, or holds something the scene does not allow.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot read the scene file: {reason}.") from None
@@ -228,7 +228,8 @@ class _Checker:
         accepted = (int, float) if kind is float else (kind,)
         if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
             raise self.fail(key, f"{_describe(value)} must be {expected}")
-        if limits and not (math.isfinite(value) and limits[0] <= value <= limits[1]):
+        finite = not isinstance(value, float) or math.isfinite(value)
+        if not finite or (limits and not limits[0] <= value <= limits[1]):
             raise self.fail(key, f"{value} is out of range, it must be {expected}")
         return float(value) if kind is float else value
 

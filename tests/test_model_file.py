@@ -53,8 +53,10 @@ def test_round_trip_keeps_every_tensor_and_the_frame(model_path: Path, toy_captu
     assert first.frame.unit_m == pytest.approx(20.0)
     assert first.capture_folder == toy_capture.resolve()
     assert not first.is_static
-    assert len(first.header["frames"]) == 10
-    assert "truth" not in first.header["frames"][0]
+    assert first.background == (0.1, 0.2, 0.3)
+    header, _ = read_tensors(model_path)
+    assert len(header["frames"]) == 10
+    assert "truth" not in header["frames"][0]
 
 
 def test_tensor_names_and_shapes_are_those_of_the_documented_format(model_path: Path) -> None:
@@ -117,6 +119,26 @@ def test_safetensors_of_something_else_are_refused(tmp_path: Path) -> None:
 def test_a_newer_version_is_refused(model_path: Path) -> None:
     rewrite_header(model_path, lambda h: h.update(version=MODEL_VERSION + 1))
     with pytest.raises(InputError, match="newer than this aa4d reads"):
+        load_model(model_path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"version": 0},
+        {"version": "1"},
+        {"model_to_world": "abc"},
+        {"model_to_world": [[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
+        {"model_to_world": [[0] * 4] * 4},
+        {"background": None},
+        {"stage": "finer"},
+        {"capture": 7},
+        {"training": {}},
+    ],
+)
+def test_a_damaged_header_is_refused(model_path: Path, change: dict[str, Any]) -> None:
+    rewrite_header(model_path, lambda h: h.update(change))
+    with pytest.raises(InputError, match=r"model\.safetensors: .*(header is damaged|does not exist)"):
         load_model(model_path)
 
 

@@ -18,6 +18,8 @@ from aa4d.errors import InputError
 from aa4d.files import read_json_object
 
 CAPTURE_VERSION = 1
+FARTHEST_M = 10_000.0  # beyond, float32 in renderers and viewers loses what a pixel shows
+RECENTRE = "move the scene to a local origin"
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,9 @@ def _points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
         raise InputError(f"{path}: point {bad[0]} is not finite; remove it from the point cloud")
+    far = np.flatnonzero((np.abs(points) > FARTHEST_M).any(axis=1))
+    if len(far):
+        raise InputError(f"{path}: point {far[0]} is over {FARTHEST_M:g} m from the origin; {RECENTRE}")
     if len(points) < 4:
         raise InputError(f"{path}: holds {len(points)} points, at least 4 are needed to start from")
     return points, colors
@@ -199,6 +204,8 @@ def _frame(value: Any, number: int, index: Path) -> Frame:
     rigid = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-4 and np.linalg.det(rotation) > 0
     if not rigid or np.abs(viewmat[3] - [0, 0, 0, 1]).max() > 1e-9:
         raise InputError(f"{index}: viewmat of {label} is not a rotation and a translation")
+    if np.abs(rotation.T @ viewmat[:3, 3]).max() > FARTHEST_M:
+        raise InputError(f"{index}: camera of {label} is over {FARTHEST_M:g} m from the origin; {RECENTRE}")
     split = value.get("split")
     if split not in ("train", "test"):
         raise InputError(f'{index}: split of {label} is {split!r}, expected "train" or "test"')

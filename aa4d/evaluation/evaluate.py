@@ -72,6 +72,8 @@ def evaluate(run: Path, capture_folder: Path | None, progress: Callable[[int, in
     Raises:
         InputError: no model, no capture, or a capture without held-out frames.
     """
+    if run.is_file():
+        raise InputError(f"{run}: is a file; name the folder of the run that holds it")
     loaded = load_model(run / "model.safetensors")
     static = load_model(run / "coarse.safetensors") if (run / "coarse.safetensors").exists() else None
     folder = capture_folder or loaded.capture_folder
@@ -106,7 +108,7 @@ def evaluate(run: Path, capture_folder: Path | None, progress: Callable[[int, in
         fps=fps,
         resolution=(capture.camera.width, capture.camera.height),
         threads=torch.get_num_threads(),
-        training_seconds=float(loaded.header["training"]["seconds"]),
+        training_seconds=loaded.training_seconds,
         anchors=len(loaded.model.anchors),
         gaussians=gaussians,
         neural_mib=neural_mib(loaded.model),
@@ -152,7 +154,7 @@ def save_png(path: Path, image: NDArray[np.uint8]) -> None:
 def _view(loaded: LoadedModel, capture: Capture, index: int) -> tuple[float | None, Camera, Tensor]:
     c, frame = capture.camera, capture.frames[index]
     camera = loaded.frame.camera(frame.viewmat, c.K, c.width, c.height)
-    return None if loaded.is_static else frame.t, camera, torch.tensor(loaded.header["background"])
+    return None if loaded.is_static else frame.t, camera, torch.tensor(loaded.background)
 
 
 def _score(

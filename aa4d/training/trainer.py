@@ -65,9 +65,17 @@ def train(capture: Capture, out: Path, config: TrainingConfig, progress: Progres
         Interrupted: Ctrl-C; the checkpoint and a usable model file of that moment are written.
     """
     model_config = ModelConfig(temporal_resolution=temporal_resolution(len(capture.frames)))
-    make_folder(out)
-    _claim(out, capture, config, model_config)
+    settings = {
+        "capture": str(capture.folder.resolve()),
+        "capture_fingerprint": capture.fingerprint,
+        "training": dataclasses.asdict(config),
+        "model": dataclasses.asdict(model_config),
+    }
+    _check_folder(out, settings)
+    # Every image is read here, so that bad input is refused before anything is written.
     run = Run(capture, out, config, model_config)
+    make_folder(out)
+    write_json(out / "config.json", settings)
     checkpoint = out / "checkpoint.safetensors"
     if checkpoint.exists():
         state = load_checkpoint(checkpoint, model_config, config.rates)
@@ -79,23 +87,16 @@ def train(capture: Capture, out: Path, config: TrainingConfig, progress: Progres
     return run.model_path
 
 
-def _claim(out: Path, capture: Capture, config: TrainingConfig, model_config: ModelConfig) -> None:
-    """Write `config.json`, or check that the run in `out` is this very one."""
-    wanted = {
-        "capture": str(capture.folder.resolve()),
-        "capture_fingerprint": capture.fingerprint,
-        "training": dataclasses.asdict(config),
-        "model": dataclasses.asdict(model_config),
-    }
+def _check_folder(out: Path, settings: dict[str, Any]) -> None:
+    """Raises InputError where `out` holds something other than this very run."""
     path = out / "config.json"
     if not path.exists():
-        if any(out.iterdir()):
+        if out.is_dir() and any(out.iterdir()):
             raise InputError(f"{out}: not empty and not a training run; choose a new folder with --out")
-        write_json(path, wanted)
         return
     found = read_json_object(path, "the settings of a training run")
     # Through JSON, so that tuples and lists compare alike.
-    wanted = json.loads(json.dumps(wanted))
+    wanted = json.loads(json.dumps(settings))
     for key in ("capture_fingerprint", "training", "model"):
         if found.get(key) != wanted[key]:
             raise InputError(

@@ -98,7 +98,7 @@ def make_model(
         ],
         "capture": None,
         "background": [0.1, 0.2, 0.3],
-        "training": {},
+        "training": {"seconds": 1.0},
     }
     return tensors, information
 

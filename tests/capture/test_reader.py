@@ -57,6 +57,7 @@ def test_fingerprint_changes_with_the_index(toy_capture: Path) -> None:
         (lambda d: d["frames"][3]["viewmat"][0].__setitem__(3, math.nan), "viewmat of frame '000003' holds NaN"),
         (lambda d: d["frames"][3]["viewmat"][0].__setitem__(0, 2.0), "not a rotation"),
         (lambda d: d["frames"][3].update(viewmat=[[1, 2], [3, 4]]), "shape"),
+        (lambda d: d["frames"][3]["viewmat"][0].__setitem__(3, 5e5), "local origin"),
         (lambda d: d["frames"][3].update(image="../../secret.png"), "leaves the capture folder"),
         (lambda d: d["frames"][3].update(image="/etc/passwd"), "leaves the capture folder"),
         (lambda d: d["frames"][3].update(split="validation"), 'expected "train" or "test"'),

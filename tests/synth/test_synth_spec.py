@@ -86,6 +86,18 @@ def test_corner_given_twice_is_refused(table: dict[str, Any]) -> None:
     assert "twice" in refusal(table)
 
 
+@pytest.mark.parametrize("value", [float("-inf"), float("nan")])
+def test_values_without_a_range_must_be_finite_too(table: dict[str, Any], value: float) -> None:
+    table["signal"]["east_west_green_s"] = [[value, 2.0]]
+    assert "signal.east_west_green_s" in refusal(table)
+
+
+def test_a_byte_order_mark_is_no_part_of_the_scene(tiny_scene: Path, tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + tiny_scene.read_bytes())
+    assert read_scene(path).name == read_scene(tiny_scene).name
+
+
 def test_reversed_green_interval_is_refused(table: dict[str, Any]) -> None:
     table["signal"]["east_west_green_s"] = [[3, 2]]
     assert "signal.east_west_green_s" in refusal(table)

@@ -150,6 +150,13 @@ def test_an_unwritable_folder_is_refused(toy_capture: Path, tmp_path: Path) -> N
         train(read_capture(toy_capture), tmp_path / "file" / "run", SHORT, silent)
 
 
+def test_a_missing_training_image_is_refused_before_anything_is_written(toy_capture: Path, tmp_path: Path) -> None:
+    (toy_capture / "frames/000003.png").unlink()
+    with pytest.raises(InputError, match=r"000003\.png"):
+        train(read_capture(toy_capture), tmp_path / "run", SHORT, silent)
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_damaged_checkpoint_is_refused(toy_capture: Path, tmp_path: Path) -> None:
     capture = read_capture(toy_capture)
     train(capture, tmp_path / "run", SHORT, silent)
