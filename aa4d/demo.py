@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from aa4d.blender import run_forwarding_interrupts, run_in_blender, script
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.files import make_folder, write_json
+from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.model_file import copy_model
 from aa4d.report import write_report
 from aa4d.training.config import TrainingConfig
@@ -30,7 +31,7 @@ MakeStepProgress = Callable[[str], AbstractContextManager[Callable[[int, int], N
 
 @dataclass(frozen=True)
 class Stage:
-    """A step whose outputs are files; it is done when all of them are newer than all inputs."""
+    """A step whose outputs are files; it is done when they exist and its inputs are those that they were made from."""
 
     name: str
     says: str
@@ -38,11 +39,16 @@ class Stage:
     outputs: tuple[Path, ...]
     run: Callable[[], None]
 
-    def is_done(self) -> bool:
-        if not all(path.exists() for path in self.outputs):
+    def inputs_digest(self) -> str:
+        digest = hashlib.sha256()
+        for path in self.inputs:
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+        return digest.hexdigest()
+
+    def is_done(self, record: Record) -> bool:
+        if self.name not in record.done or not all(path.exists() for path in self.outputs):
             return False
-        newest_input = max(path.stat().st_mtime_ns for path in self.inputs)
-        return min(path.stat().st_mtime_ns for path in self.outputs) >= newest_input
+        return record.done[self.name]["inputs"] == self.inputs_digest()
 
 
 def run_demo(
@@ -57,16 +63,19 @@ def run_demo(
     if not scene.is_file():
         raise InputError(f"{scene}: no such scene file; scenes/ holds some")
     make_folder(out)
-    clock = StageClock(out / "seconds.json")
-    for stage in stages(scene, out, config, clock, training_progress, step_progress):
-        if stage.is_done():
-            console.print(
-                f"[bold]{stage.name}[/bold]: done before ({clock.seconds[stage.name]:.0f} s)", highlight=False
-            )
+    record = Record(out / "seconds.json")
+    for stage in stages(scene, out, config, record, training_progress, step_progress):
+        if stage.is_done(record):
+            seconds = record.seconds[stage.name]
+            console.print(f"[bold]{stage.name}[/bold]: done before ({seconds:.0f} s)", highlight=False)
             continue
         console.print(f"[bold]{stage.name}[/bold]: {stage.says}", highlight=False)
-        with clock.running(stage.name):
+        with record.running(stage):
             stage.run()
+    metrics = read_json_object(out / "metrics.json", "the metrics of an evaluation")
+    summary = summarise(metrics, record.seconds)
+    if not (out / "summary.json").exists() or read_json_object(out / "summary.json", "the summary") != summary:
+        write_json(out / "summary.json", summary)
     console.print(
         f"\nreport:   {out / 'report.html'}\nBlender:  {out / 'flyover.blend'}\nmodel:    {out / 'model.safetensors'}",
         highlight=False,
@@ -77,7 +86,7 @@ def stages(
     scene: Path,
     out: Path,
     config: TrainingConfig,
-    clock: StageClock,
+    record: Record,
     training_progress: MakeTrainingProgress,
     step_progress: MakeStepProgress,
 ) -> list[Stage]:
@@ -117,9 +126,7 @@ def stages(
 
     def report() -> None:
         measured = json.loads(metrics.read_text(encoding="utf-8"))
-        summary = summarise(measured, clock.seconds)
-        write_json(out / "summary.json", summary)
-        write_report(out / "report.html", read_capture(capture), run / "eval", measured, clock.seconds, picture)
+        write_report(out / "report.html", read_capture(capture), run / "eval", measured, record.seconds, picture)
 
     return [
         Stage("synthesis", f"Blender renders {scene}", (scene,), (capture / "capture.json",), synthesise),
@@ -127,7 +134,7 @@ def stages(
         Stage("evaluation", "held-out frames against truth", (model,), (metrics,), score),
         Stage("extension", "packaging the Blender extension", addon, (extension,), package),
         Stage("blend", "Blender imports the model and renders a frame", (model, extension), (blend, picture), show),
-        Stage("report", "pictures and tables", (metrics, blend), (out / "report.html", out / "summary.json"), report),
+        Stage("report", "pictures and tables", (metrics, picture), (out / "report.html",), report),
     ]
 
 
@@ -144,28 +151,39 @@ def check(code: int) -> None:
         raise InputError(f"that stage failed with exit code {code}; what it printed stands above")
 
 
-class StageClock:
-    """Wall seconds of every stage, kept in a file; the parts of a stage that was stopped and continued add up."""
+class Record:
+    """Which inputs every stage was made from and how long it took, kept in a file.
+
+    Seconds of a stage that was stopped and continued add up.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.done: dict[str, dict[str, Any]] = {}
         self._stopped: dict[str, float] = {}
-        self.seconds: dict[str, float] = {}
         if path.exists():
-            kept = json.loads(path.read_text(encoding="utf-8"))
-            self.seconds, self._stopped = kept["done"], kept["stopped"]
+            # A damaged record costs nothing but the seconds: the stages themselves know what they have finished.
+            with suppress(ValueError, KeyError, TypeError):
+                kept = json.loads(path.read_text(encoding="utf-8"))
+                self.done, self._stopped = dict(kept["done"]), dict(kept["stopped"])
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        return {name: entry["seconds"] for name, entry in self.done.items()}
 
     @contextmanager
-    def running(self, stage: str) -> Iterator[None]:
+    def running(self, stage: Stage) -> Iterator[None]:
         started = time.perf_counter()
-        before = self._stopped.pop(stage, 0.0)
-        self.seconds.pop(stage, None)
+        before = self._stopped.pop(stage.name, 0.0)
+        self.done.pop(stage.name, None)
+        finished = False
         try:
             yield
-        except BaseException:
-            self._stopped[stage] = before + time.perf_counter() - started
-            raise
-        else:
-            self.seconds[stage] = before + time.perf_counter() - started
+            finished = True
         finally:
-            write_json(self._path, {"done": self.seconds, "stopped": self._stopped})
+            seconds = before + time.perf_counter() - started
+            if finished:
+                self.done[stage.name] = {"seconds": seconds, "inputs": stage.inputs_digest()}
+            else:
+                self._stopped[stage.name] = seconds
+            write_json(self._path, {"done": self.done, "stopped": self._stopped})

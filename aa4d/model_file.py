@@ -36,6 +36,7 @@ class LoadedModel:
     is_static: bool  # the coarse stage: the canonical anchors hold at every time
     background: tuple[float, float, float]
     training_seconds: float
+    capture_fingerprint: str | None
     capture_folder: Path | None
 
 
@@ -116,6 +117,7 @@ def load_model(path: Path) -> LoadedModel:
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),
             training_seconds=float(header["training"]["seconds"]),
+            capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
         )
     except (KeyError, TypeError, ValueError) as error:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from aa4d.capture.reader import Capture, moving_mask, read_image
+from aa4d.errors import InputError
 from aa4d.files import write_text
 
 PICTURED_FRAMES = 3
@@ -57,7 +58,10 @@ def spread(frames: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
 def _row(capture: Capture, renders: Path, score: dict[str, Any]) -> dict[str, Any]:
     index = next(i for i, frame in enumerate(capture.frames) if frame.name == score["frame"])
     truth = read_image(capture, capture.frames[index])
-    render = np.asarray(Image.open(renders / f"{score['frame']}.png"))
+    try:
+        render = np.asarray(Image.open(renders / f"{score['frame']}.png"))
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read; delete metrics.json and run again") from None
     static_path = renders / f"{score['frame']}_static.png"
     mask = moving_mask(capture, index)
     return {

@@ -9,6 +9,7 @@ The file is baked: it plays and renders in a Blender without the extension.
 import argparse
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import traceback
@@ -37,6 +38,21 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args(given)
 
 
+interrupted = False
+
+
+def remember_interrupt(*_: object) -> None:
+    global interrupted
+    interrupted = True
+
+
+def stop_if_asked() -> None:
+    """Ctrl-C takes effect here: inside an operator Blender would make an error of its own of it, or lose it."""
+    signal.signal(signal.SIGINT, remember_interrupt)  # again each time: Blender sets its own when it loads
+    if interrupted:
+        raise KeyboardInterrupt
+
+
 @contextmanager
 def quiet() -> Iterator[None]:
     """Silence standard output, to which Blender writes a line for every step of a render. Errors are not silenced."""
@@ -60,6 +76,7 @@ def make(options: argparse.Namespace, scratch: str) -> None:
     """
     import bpy
 
+    stop_if_asked()
     # Factory settings and a repository of our own: whatever the person has installed or configured stays out of it.
     bpy.ops.wm.read_factory_settings()
     extensions = os.path.join(scratch, "flyover")
@@ -88,7 +105,9 @@ def build_scene(options: argparse.Namespace) -> None:
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
     bpy.ops.outliner.orphans_purge(do_recursive=True)
+    stop_if_asked()
     bpy.ops.aa4d.import_model(filepath=str(options.model.resolve()), set_up_scene=True, bake=True)
+    stop_if_asked()
     scene = bpy.context.scene
     points = bpy.context.active_object
     points.select_set(False)
@@ -118,6 +137,7 @@ def build_scene(options: argparse.Namespace) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
     bpy.context.preferences.filepaths.save_version = 0  # no flyover.blend1 beside it
     bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True)  # to a temporary file, renamed when whole
+    stop_if_asked()
     if options.render is not None:
         picture = options.render.resolve()
         partial = picture.with_name(f".{picture.stem}.partial.png")
@@ -154,7 +174,9 @@ def add_gaussians(options: argparse.Namespace) -> None:
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.delete(type="VERT")
     bpy.ops.object.mode_set(mode="OBJECT")
+    stop_if_asked()
     bpy.ops.aa4d.bake()
+    stop_if_asked()
     look.show_viewport = True
     obj.select_set(False)
     obj.hide_viewport = True
@@ -181,10 +203,12 @@ def main() -> int:
 if __name__ == "__main__":
     code = 1
     try:
+        stop_if_asked()
         code = main()
     except SystemExit as stop:  # the argument parser's
         code = int(stop.code or 0)
     except KeyboardInterrupt:
+        print("Interrupted; the same command starts over.", file=sys.stderr)
         code = 130
     except Exception:
         traceback.print_exc()

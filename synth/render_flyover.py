@@ -20,6 +20,7 @@ sys.path[:] = [str(HOME.parent), *(entry for entry in sys.path if Path(entry).re
 from synth.capture import INDEX, Folder, open_folder  # noqa: E402
 from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
+from synth.interrupts import interrupt_deferred  # noqa: E402
 from synth.plan import document, make_plan  # noqa: E402
 from synth.spec import read_scene  # noqa: E402
 
@@ -76,9 +77,10 @@ def run(scene_path: Path, out: Path) -> None:
             "Blender is missing: run this file with `blender -b -P`, or install Blender's Python module "
             "(`pip install bpy`, Python 3.11)."
         )
-    from synth.blender.film import film
-    from synth.blender.session import version
-    from synth.export.capture import export
+    with interrupt_deferred():
+        from synth.blender.film import film
+        from synth.blender.session import version
+        from synth.export.capture import export
 
     plan_document = document(plan, version())
     state = open_folder(out, plan_document)

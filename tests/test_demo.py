@@ -1,12 +1,12 @@
 """The demo's bookkeeping, without Blender: stages, their seconds, the summary and the report."""
 
 import json
-import os
 import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from PIL import Image
 
 from aa4d.blender import run_forwarding_interrupts
 from aa4d.capture.reader import read_capture
-from aa4d.demo import Stage, StageClock, check, summarise
+from aa4d.demo import Record, Stage, check, summarise
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.report import spread, write_report
@@ -27,37 +27,54 @@ def silent(*_: object) -> None:
     pass
 
 
-def test_a_stage_is_done_when_its_outputs_are_newer_than_its_inputs(tmp_path: Path) -> None:
-    source, product = tmp_path / "in", tmp_path / "out"
-    stage = Stage("s", "", (source,), (product,), silent)
-    source.write_text("a")
-    assert not stage.is_done()
-    product.write_text("b")
-    os.utime(source, ns=(0, product.stat().st_mtime_ns - 1))
-    assert stage.is_done()
-    os.utime(source, ns=(0, product.stat().st_mtime_ns + 1))
-    assert not stage.is_done()
+def stage_of(folder: Path, run: Callable[[], None] = silent) -> Stage:
+    (folder / "in").write_text("a")
+    (folder / "out").write_text("b")
+    return Stage("render", "", (folder / "in",), (folder / "out",), run)
+
+
+def test_a_stage_is_done_while_its_outputs_exist_and_its_inputs_are_the_same(tmp_path: Path) -> None:
+    stage, record = stage_of(tmp_path), Record(tmp_path / "seconds.json")
+    assert not stage.is_done(record)
+    with record.running(stage):
+        pass
+    assert stage.is_done(Record(tmp_path / "seconds.json"))
+    (tmp_path / "in").write_text("a")  # newer, and the same
+    assert stage.is_done(record)
+    (tmp_path / "in").write_text("c")
+    assert not stage.is_done(record)
+    (tmp_path / "in").write_text("a")
+    (tmp_path / "out").unlink()
+    assert not stage.is_done(record)
 
 
 def test_seconds_of_a_stopped_stage_add_up_and_those_of_a_new_run_begin_anew(tmp_path: Path) -> None:
-    path = tmp_path / "seconds.json"
+    path, stage = tmp_path / "seconds.json", stage_of(tmp_path)
 
     def stopped() -> None:
-        with StageClock(path).running("render"):
+        with Record(path).running(stage):
             time.sleep(0.02)
             raise Interrupted
 
     with pytest.raises(Interrupted):
         stopped()
-    clock = StageClock(path)
-    assert clock.seconds == {}
-    with clock.running("render"):
+    record = Record(path)
+    assert record.seconds == {}
+    with record.running(stage):
         time.sleep(0.02)
-    assert clock.seconds["render"] >= 0.04
-    kept = StageClock(path)
-    with kept.running("render"):
+    assert record.seconds["render"] >= 0.04
+    kept = Record(path)
+    with kept.running(stage):
         pass
     assert kept.seconds["render"] < 0.02
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[]", '{"done": 3, "stopped": 4}', '{"done": {"x": '])
+def test_a_damaged_record_costs_only_the_seconds(tmp_path: Path, content: str) -> None:
+    (tmp_path / "seconds.json").write_text(content)
+    record = Record(tmp_path / "seconds.json")
+    assert record.seconds == {}
+    assert not stage_of(tmp_path).is_done(record)
 
 
 def test_exit_codes_of_stages_are_passed_on() -> None:

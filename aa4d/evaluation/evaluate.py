@@ -79,7 +79,11 @@ def evaluate(run: Path, capture_folder: Path | None, progress: Callable[[int, in
     folder = capture_folder or loaded.capture_folder
     if folder is None:
         raise InputError(f"{loaded.path}: names no capture; say where it lies with --capture")
+    if capture_folder is None and not folder.is_dir():
+        raise InputError(f"{folder}: the capture is not there any more; say where it lies with --capture")
     capture = read_capture(folder)
+    if loaded.capture_fingerprint not in (None, capture.fingerprint):
+        raise InputError(f"{folder}: is not the capture that {loaded.path} was trained on")
     held_out = capture.of_split("test")
     if not held_out:
         raise InputError(f'{folder}: has no held-out frame (split "test"), so there is nothing to evaluate on')

@@ -274,6 +274,7 @@ class Run:
             "seed": self.config.seed,
             "iterations": state.iteration,
             "seconds": round(state.seconds, 3),
+            "capture_fingerprint": self.capture.fingerprint,
         }
         background = tuple(float(c) for c in self.background)
         save_model(

@@ -8,6 +8,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from synth.errors import InputError
+
 NO_HIT_M = 1e9  # Cycles writes 1e10 where a ray hits nothing
 
 
@@ -19,13 +21,22 @@ def _openimageio() -> Any:
         version = f"python{sys.version_info.major}.{sys.version_info.minor}"
         bundled = Path(bpy.utils.resource_path("LOCAL")) / "python" / "lib" / version / "site-packages"
         sys.path.append(str(bundled))
-        import OpenImageIO
+        try:
+            import OpenImageIO
+        except ImportError:  # a Linux distribution may package it apart from Blender
+            raise InputError(
+                "This Blender has no OpenImageIO for Python: install it (Debian: `apt install python3-openimageio`), "
+                "or take the Blender of blender.org, which bundles it."
+            ) from None
     return OpenImageIO
+
+
+OIIO = _openimageio()  # here, not at the first frame: a Blender without it is told so before a folder is made
 
 
 def read_passes(path: Path) -> dict[str, NDArray[np.float32]]:
     """All channels [H, W] of a multilayer EXR by "pass.channel", single-part (Blender 4) or multi-part (Blender 5)."""
-    source = _openimageio().ImageInput.open(str(path))
+    source = OIIO.ImageInput.open(str(path))
     if source is None:
         raise RuntimeError(f"{path}: Blender's render cannot be read back")
     passes: dict[str, NDArray[np.float32]] = {}
@@ -58,7 +69,7 @@ def truth(passes: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[Any]]:
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
     """An 8-bit RGB image [H, W, 3]."""
-    source = _openimageio().ImageInput.open(str(path))
+    source = OIIO.ImageInput.open(str(path))
     if source is None:
         raise RuntimeError(f"{path}: the frame cannot be read back; delete it and run the same command again")
     pixels = source.read_image(0, 0, 0, 3, "uint8")

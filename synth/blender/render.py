@@ -12,7 +12,7 @@ import bpy
 
 from synth.blender.materials import INSTANCE
 from synth.blender.passes import read_passes
-from synth.blender.session import interrupt_deferred
+from synth.interrupts import interrupt_deferred
 from synth.spec import Camera, Render
 
 

@@ -2,10 +2,7 @@
 
 import os
 import shutil
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TextIO
 
 import bpy
@@ -19,28 +16,6 @@ def version() -> str:
 def start_empty() -> None:
     """An empty file with factory settings: nothing of the user's start-up file reaches the render."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-
-
-@contextmanager
-def interrupt_deferred() -> Iterator[None]:
-    """Ctrl-C inside takes effect at the end.
-
-    Cycles calls Python in the middle of a render and swallows what is raised there: the interrupt would be lost, and
-    the picture would be half a picture.
-    """
-    pending = False
-
-    def remember(*_: object) -> None:
-        nonlocal pending
-        pending = True
-
-    before = signal.signal(signal.SIGINT, remember)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if pending:
-        raise KeyboardInterrupt
 
 
 def remove_temporary_folder() -> None:

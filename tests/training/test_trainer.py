@@ -66,6 +66,12 @@ def test_the_fine_stage_learns_what_moves(trained: tuple[Path, Path]) -> None:
     assert picture.shape == (32, 48, 3)
 
 
+def test_another_capture_is_not_evaluated_on(trained: tuple[Path, Path], tmp_path: Path) -> None:
+    other = write_toy_capture(tmp_path / "other", frames=9)
+    with pytest.raises(InputError, match="is not the capture that"):
+        evaluate(trained[1], other, silent)
+
+
 def test_both_stages_are_files_of_their_own(trained: tuple[Path, Path]) -> None:
     _, run = trained
     assert load_model(run / "coarse.safetensors").is_static
