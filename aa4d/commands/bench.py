@@ -1,0 +1,34 @@
+"""`aa4d bench`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from aa4d.console import console
+from aa4d.errors import InputError
+
+
+def bench(
+    what: Annotated[
+        Positional[Literal["raster", "precision", "scaling"]],
+        arg(help="The rasteriser's speed, what its precisions cost and leave, or how its time grows."),
+    ],
+    json: Annotated[Path | None, arg(help="File to write the rows of `raster` to, for machines.")] = None,
+    repeats: Annotated[int, arg(help="Runs of each scene; the best counts.")] = 7,
+) -> None:
+    """Measure the CPU rasteriser on this machine, on random scenes."""
+    from aa4d.raster import bench as measure
+
+    if repeats < 1:
+        raise InputError(f"--repeats {repeats}: must be at least 1")
+    if json is not None and not json.parent.is_dir():
+        raise InputError(f"--json {json}: there is no folder {json.parent}")
+    if what == "raster":
+        measure.bench(repeats=repeats, json_path=json, console=console)
+    elif what == "precision":
+        measure.bench_precision(repeats, console)
+    else:
+        measure.bench_scaling(repeats, console)

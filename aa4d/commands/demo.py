@@ -1,0 +1,21 @@
+"""`aa4d demo`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from aa4d.console import console, step_progress, training_progress
+
+
+def demo(
+    scene: Annotated[Positional[Path], arg(help="Scene file.")] = Path("scenes/crossroads.toml"),
+    out: Annotated[Path, arg(help="Folder for everything the demo makes.")] = Path("demo"),
+) -> None:
+    """The main job: render a scene, train, evaluate, show the result in Blender. Continues where it stopped."""
+    from aa4d.demo import run_demo
+    from aa4d.training.config import PRESETS
+
+    run_demo(scene, out, PRESETS["quick"], console, training_progress, step_progress)

@@ -1,0 +1,79 @@
+"""The console, and the progress bars that commands share."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+SECONDS_BETWEEN_LINES = 10.0
+console = Console()
+
+
+@contextmanager
+def training_progress() -> Iterator[TrainingBar]:
+    with Progress(
+        TextColumn("{task.description:>7}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[state]}"),
+        console=console,
+        disable=not console.is_terminal,
+    ) as bar:
+        yield TrainingBar(bar)
+
+
+class TrainingBar:
+    """One bar a stage, with the running means of loss and PSNR."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._spoken = time.monotonic()
+        self._tasks: dict[str, tuple[TaskID, list[float]]] = {}
+
+    def __call__(self, stage: str, iteration: int, total: int, loss: float, psnr_db: float, anchors: int) -> None:
+        if stage not in self._tasks:
+            self._tasks[stage] = (self._bar.add_task(stage, total=total, completed=iteration - 1, state=""), [])
+        task, recent = self._tasks[stage]
+        recent.append(psnr_db)
+        del recent[:-50]
+        mean = sum(recent) / len(recent)
+        state = f"loss {loss:.4f}  psnr {mean:.1f} dB  {anchors} anchors"
+        self._bar.update(task, completed=iteration, state=state)
+        # In a log file a bar cannot move: there, a line now and then.
+        now = time.monotonic()
+        if not console.is_terminal and (iteration == total or now - self._spoken >= SECONDS_BETWEEN_LINES):
+            self._spoken = now
+            left = self._bar.tasks[task].time_remaining
+            remaining = "" if left is None else f"  {left:.0f} s left"
+            console.print(f"{stage} {iteration}/{total}  {state}{remaining}", highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def step_progress(description: str) -> Iterator[StepBar]:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        yield StepBar(bar, description)
+
+
+class StepBar:
+    def __init__(self, bar: Progress, description: str) -> None:
+        self._bar = bar
+        self._task = bar.add_task(description, total=None)
+
+    def __call__(self, done: int, total: int) -> None:
+        self._bar.update(self._task, completed=done, total=total)
