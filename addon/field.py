@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .container import Floats, ModelFileError
-from .model import PLANES, Doubles, Model
+from .model import PLANES, WEIGHTED, Doubles, Model
 
 Indices = npt.NDArray[np.intp]
 
@@ -42,14 +42,16 @@ class Level:
 class TimeNetwork:
     """output(relu(hidden([embedding, t]))) with the embedding's share of the hidden layer already summed."""
 
-    static: Floats  # [N, H]
+    static: Floats  # [N, H], or [1, H] where there is no embedding: the same for every anchor
     time: Floats  # [H]
     weight: Floats  # [H, outputs]
     bias: Floats  # [outputs]
 
     def __call__(self, t: float, part: slice) -> Floats:
-        """Evaluate at t for a slice of the anchors: [n, outputs]."""
-        return np.maximum(self.static[part] + np.float32(t) * self.time, 0) @ self.weight + self.bias
+        """Evaluate at t for a slice of the anchors: [n, outputs] or [1, outputs]."""
+        static = self.static[part] if len(self.static) > 1 else self.static
+        hidden = static + np.float32(t) * self.time
+        return np.maximum(hidden, 0, out=hidden) @ self.weight + self.bias
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Field:
 
     model: Model
     levels: tuple[Level, ...]  # empty for a static model
-    weights: TimeNetwork | None  # Phi_w, the scores of ACFA
+    weights: TimeNetwork | None  # Phi_w, the scores of ACFA; None where the planes are not weighted
     offset: TimeNetwork | None  # Phi_o of DLGD; None when DLGD is off
     scale: TimeNetwork | None  # Phi_s of DLGD
 
@@ -112,13 +114,13 @@ def prepare(model: Model) -> Field:
             for axis, name in enumerate(PLANES[3:])
         )
         levels.append(Level(spatial, temporal))
-    dlgd = model.config.dlgd
+    config = model.config
     return Field(
         model,
         tuple(levels),
-        _time_network(model, "acfa", "embedding_acfa"),
-        _time_network(model, "dlgd_offset", "embedding_offset") if dlgd else None,
-        _time_network(model, "dlgd_scale", "embedding_scale") if dlgd else None,
+        _time_network(model, "acfa", *WEIGHTED[config.aggregation]) if config.aggregation in WEIGHTED else None,
+        _time_network(model, "dlgd_offset", "embedding_offset", True) if config.dlgd else None,
+        _time_network(model, "dlgd_scale", "embedding_scale", True) if config.dlgd else None,
     )
 
 
@@ -129,11 +131,9 @@ def anchor_state(field: Field, t: float) -> AnchorState:
     features = tensors["anchors.feature"]
     offsets = tensors["anchors.offset"]
     log_scales = tensors["anchors.log_scale"]
-    if field.weights is not None:
+    if field.levels:
         positions, features = positions.copy(), features.copy()
-        rows = [[_row_at(plane.rows, t) for plane in level.temporal] for level in field.levels]
-        for part in _chunks(len(positions)):
-            hidden = np.maximum(_linear(field.model, "encoder", _aggregate(field, rows, t, part)), 0)
+        for part, hidden in _encoded(field, t):
             positions[part] += _mlp(field.model, "head_position", hidden)
             features[part] += _mlp(field.model, "head_feature", hidden)
     if field.offset is not None and field.scale is not None:
@@ -142,6 +142,28 @@ def anchor_state(field: Field, t: float) -> AnchorState:
             offsets[part] += field.offset(t, part).reshape(-1, *offsets.shape[1:])
             log_scales[part] += field.scale(t, part)
     return AnchorState(positions, features, offsets, np.exp(log_scales))
+
+
+def anchor_positions(field: Field, t: float) -> Floats:
+    """The centres [N, 3] of `anchor_state` alone, model frame."""
+    positions = field.model.tensors["anchors.position"]
+    if field.levels:
+        positions = positions.copy()
+        for part, hidden in _encoded(field, t):
+            positions[part] += _mlp(field.model, "head_position", hidden)
+    return positions
+
+
+def plane_weights(field: Field, t: float) -> Floats:
+    """The share [N, 6] that each plane has in the features of each anchor at time t, mean over the channels.
+
+    Where the planes are not weighted, and in a static model, each has a sixth.
+    """
+    shares = np.full((field.model.anchor_count, len(PLANES)), 1 / len(PLANES), np.float32)
+    if field.weights is not None:
+        for part in _chunks(len(shares)):
+            shares[part] = _softmax(field, t, part).mean(axis=2)
+    return shares
 
 
 def local_gaussians(field: Field, state: AnchorState, camera_center: Doubles) -> LocalGaussians:
@@ -200,11 +222,16 @@ def _sigmoid(x: Floats) -> Floats:
     return np.float32(0.5) * (1 + np.tanh(np.float32(0.5) * x))  # the form that cannot overflow
 
 
-def _time_network(model: Model, name: str, embedding: str) -> TimeNetwork:
+def _time_network(model: Model, name: str, embedding: str | None, timed: bool) -> TimeNetwork:
+    """The network whose hidden layer sees the embedding, or not, and then the time, or not."""
     weight = model.tensors[f"{name}.hidden.weight"]
-    static = model.tensors[f"anchors.{embedding}"] @ weight[:, :-1].T + model.tensors[f"{name}.hidden.bias"]
+    seen = weight[:, : weight.shape[1] - timed]
+    static = model.tensors[f"{name}.hidden.bias"][None]
+    if embedding is not None:
+        static = model.tensors[f"anchors.{embedding}"] @ seen.T + static
+    time = weight[:, -1].copy() if timed else np.zeros(len(weight), np.float32)
     output = np.ascontiguousarray(model.tensors[f"{name}.output.weight"].T)
-    return TimeNetwork(static, weight[:, -1].copy(), output, model.tensors[f"{name}.output.bias"])
+    return TimeNetwork(static, time, output, model.tensors[f"{name}.output.bias"])
 
 
 def _warped_positions(model: Model) -> Floats:
@@ -245,16 +272,40 @@ def _row_at(rows: Floats, t: float) -> Floats:
     return rows[low] + np.float32(place - low) * (rows[min(low + 1, len(rows) - 1)] - rows[low])
 
 
-def _aggregate(field: Field, rows: list[list[Floats]], t: float, part: slice) -> Floats:
-    """Steps 2 and 3: ACFA's channel-wise softmax over the six planes, levels concatenated: [n, L * C]."""
+def _encoded(field: Field, t: float) -> Iterator[tuple[slice, Floats]]:
+    """Steps 1 to 3 and the encoder of step 4: relu(z) [n, width] for one slice of the anchors after the other."""
+    rows = [[_row_at(plane.rows, t) for plane in level.temporal] for level in field.levels]
+    for part in _chunks(field.model.anchor_count):
+        yield part, np.maximum(_linear(field.model, "encoder", _aggregate(field, rows, t, part)), 0)
+
+
+def _softmax(field: Field, t: float, part: slice) -> Floats:
+    """w_p(t) over the planes, for each channel: [n, 6, C], or [1, 6, C] where all anchors have the same."""
     assert field.weights is not None
     scores = field.weights(t, part).reshape(-1, len(PLANES), field.model.config.plane_dim)
-    weights = np.exp(scores - scores.max(axis=1, keepdims=True))
+    scores -= scores.max(axis=1, keepdims=True)
+    weights: Floats = np.exp(scores, out=scores)
     weights /= weights.sum(axis=1, keepdims=True)
+    return weights
+
+
+def _aggregate(field: Field, rows: list[list[Floats]], t: float, part: slice) -> Floats:
+    """Steps 2 and 3: the six planes' features as one, levels concatenated: [n, L * C]."""
+    weights = None if field.weights is None else _softmax(field, t, part)
     features = []
     for level, level_rows in zip(field.levels, rows, strict=True):
-        feature = np.einsum("npc,npc->nc", weights[:, :3], level.spatial[part])
-        for index, (plane, row) in enumerate(zip(level.temporal, level_rows, strict=True), start=3):
-            feature += weights[:, index] * _between(row, plane.left[part], plane.fraction[part])
+        temporal = [
+            _between(row, plane.left[part], plane.fraction[part])
+            for plane, row in zip(level.temporal, level_rows, strict=True)
+        ]
+        spatial = level.spatial[part]
+        if weights is not None:
+            feature = (weights[:, :3] * spatial).sum(axis=1)
+            for index, sample in enumerate(temporal, start=3):
+                feature += weights[:, index] * sample
+        elif field.model.config.aggregation == "product":
+            feature = spatial.prod(axis=1) * temporal[0] * temporal[1] * temporal[2]
+        else:  # mean
+            feature = (spatial.sum(axis=1) + temporal[0] + temporal[1] + temporal[2]) / np.float32(len(PLANES))
         features.append(feature)
     return np.concatenate(features, axis=1)
