@@ -14,6 +14,7 @@ from . import (
     exporter,
     importer,
     look_nodes,
+    materials,
     modifiers,
     names,
     playback,
