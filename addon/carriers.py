@@ -9,7 +9,16 @@ import numpy as np
 
 from . import names
 from .container import Floats
-from .field import Field, LocalGaussians, anchor_positions, anchor_state, local_gaussians, plane_weights, to_world
+from .field import (
+    AnchorState,
+    Field,
+    anchor_appearance,
+    anchor_positions,
+    anchor_state,
+    local_gaussians,
+    plane_weights,
+    to_world,
+)
 from .model import Doubles
 
 # How many standard deviations of its Gaussians an anchor's point reaches: fewer leave gaps, more hide small neighbours.
@@ -34,17 +43,18 @@ def evaluate(
 
     Of `names.SHAPE` and `names.INSPECTION` what is wanted; the others always.
     """
-    state = anchor_state(field, t)
-    gaussians = local_gaussians(field, state, camera_center)
+    shape = names.SCALE in wanted
+    state = anchor_state(field, t, offsets=carrier == names.GAUSSIANS)
     if carrier == names.ANCHORS:
-        values = _anchors(to_world(field.model, state.positions), gaussians, shape=names.SCALE in wanted)
+        values = _anchors(field, state, camera_center, shape=shape)
     else:
-        ordered = np.sort(gaussians.scales, axis=2)
+        gaussians = local_gaussians(field, state, camera_center)
+        largest = np.partition(gaussians.scales, 1, axis=2)[..., 1:]
         values = {
             names.POSITION: gaussians.positions.reshape(-1, 3),
             names.COLOR: linear_rgba(gaussians.colors.reshape(-1, 3)),
             names.OPACITY: np.maximum(gaussians.opacities, 0).reshape(-1),
-            names.RADIUS: np.float32(RADIUS_SIGMAS) * np.sqrt(ordered[..., 1] * ordered[..., 2]).reshape(-1),
+            names.RADIUS: np.float32(RADIUS_SIGMAS) * np.sqrt(largest[..., 0] * largest[..., 1]).reshape(-1),
             names.SCALE: gaussians.scales.reshape(-1, 3),
             names.ROTATION: gaussians.quaternions.reshape(-1, 4),
         }
@@ -63,30 +73,27 @@ def positions(field: Field, carrier: str, t: float) -> Floats:
     return to_world(field.model, centers.reshape(-1, 3))
 
 
-def _anchors(centers: Floats, gaussians: LocalGaussians, *, shape: bool) -> dict[names.Attribute, Floats]:
+def _anchors(field: Field, state: AnchorState, camera_center: Doubles, *, shape: bool) -> dict[names.Attribute, Floats]:
     """One point an anchor: its Gaussians' colours weighted by their opacity; opacity and shape of the most opaque one.
 
-    The radius is the opacity-weighted mean of what each Gaussian covers: the geometric mean of its two largest standard
-    deviations, since most are flat. The shape is scaled to that radius.
+    The radius is the opacity-weighted mean of the Gaussians' reach. The shape is scaled to that radius.
     """
-    opacity = np.maximum(gaussians.opacities, 0)
+    colors, opacities, reach = anchor_appearance(field, state, camera_center)
+    opacity = np.maximum(opacities, 0)
     share = opacity + np.float32(1e-6)  # an anchor without a visible Gaussian keeps the plain mean
     share /= share.sum(axis=1, keepdims=True)
-    scales = gaussians.scales
-    largest = scales.max(axis=2)
-    middle = scales.sum(axis=2) - largest - scales.min(axis=2)
-    reach = np.sqrt(largest * np.maximum(middle, 0))
-    radius = np.float32(RADIUS_SIGMAS) * (share * reach).sum(axis=1)
+    radius = np.float32(RADIUS_SIGMAS) * np.einsum("nk,nk->n", share, reach)
     values = {
-        names.POSITION: centers,
-        names.COLOR: linear_rgba(np.matmul(share[:, None], gaussians.colors)[:, 0]),
+        names.POSITION: to_world(field.model, state.positions),
+        names.COLOR: linear_rgba(np.matmul(share[:, None], colors)[:, 0]),
         names.OPACITY: opacity.max(axis=1),
         names.RADIUS: radius,
     }
     if shape:
+        gaussians = local_gaussians(field, state, camera_center)
         row, best = np.arange(len(opacity)), opacity.argmax(axis=1)
         grown = radius / np.maximum(np.float32(RADIUS_SIGMAS) * reach[row, best], np.float32(1e-12))
-        values[names.SCALE] = scales[row, best] * grown[:, None]
+        values[names.SCALE] = gaussians.scales[row, best] * grown[:, None]
         values[names.ROTATION] = gaussians.quaternions[row, best]
     return values
 

@@ -16,7 +16,7 @@ from .model import PLANES, WEIGHTED, Doubles, Model
 
 Indices = npt.NDArray[np.intp]
 
-CHUNK = 4096  # anchors at a time: the temporaries of one chunk stay in the processor's cache
+CHUNK = 1024  # anchors at a time: the temporaries of one chunk stay in the processor's cache
 MEMORY_RATIO = 64  # of what `prepare` keeps to the size of the file; the default configuration needs about 4
 TIME_NETWORK_BIASES = ("acfa.hidden.bias", "dlgd_offset.hidden.bias", "dlgd_scale.hidden.bias")
 
@@ -124,12 +124,15 @@ def prepare(model: Model) -> Field:
     )
 
 
-def anchor_state(field: Field, t: float) -> AnchorState:
-    """The anchors at any real time t (steps 1 to 5); outside [0, 1] the planes hold their border's value."""
+def anchor_state(field: Field, t: float, *, offsets: bool = True) -> AnchorState:
+    """The anchors at any real time t (steps 1 to 5); outside [0, 1] the planes hold their border's value.
+
+    Without `offsets` those stay canonical: who shows anchors alone does not need them.
+    """
     tensors = field.model.tensors
     positions = tensors["anchors.position"]
     features = tensors["anchors.feature"]
-    offsets = tensors["anchors.offset"]
+    spread = tensors["anchors.offset"]
     log_scales = tensors["anchors.log_scale"]
     if field.levels:
         positions, features = positions.copy(), features.copy()
@@ -137,11 +140,12 @@ def anchor_state(field: Field, t: float) -> AnchorState:
             positions[part] += _mlp(field.model, "head_position", hidden)
             features[part] += _mlp(field.model, "head_feature", hidden)
     if field.offset is not None and field.scale is not None:
-        offsets, log_scales = offsets.copy(), log_scales.copy()
+        spread, log_scales = spread.copy() if offsets else spread, log_scales.copy()
         for part in _chunks(len(positions)):
-            offsets[part] += field.offset(t, part).reshape(-1, *offsets.shape[1:])
+            if offsets:
+                spread[part] += field.offset(t, part).reshape(-1, *spread.shape[1:])
             log_scales[part] += field.scale(t, part)
-    return AnchorState(positions, features, offsets, np.exp(log_scales))
+    return AnchorState(positions, features, spread, np.exp(log_scales))
 
 
 def anchor_positions(field: Field, t: float) -> Floats:
@@ -169,27 +173,53 @@ def plane_weights(field: Field, t: float) -> Floats:
 def local_gaussians(field: Field, state: AnchorState, camera_center: Doubles) -> LocalGaussians:
     """Decode the local Gaussians as a camera at `camera_center` [3] (world metres) sees them (step 6)."""
     model = field.model
+    K = model.config.offsets
+    parts = []
+    for part, inputs in _decoder_inputs(model, state, camera_center):
+        covariance = _mlp(model, "decoder_covariance", inputs).reshape(-1, K, 7)
+        sizes = state.scales[part, None]
+        scales = np.float32(model.scale) * sizes[..., 3:] * _sigmoid(covariance[..., :3])
+        quaternions = covariance[..., 3:]
+        quaternions = quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), np.float32(1e-12))
+        positions = to_world(model, state.positions[part, None] + state.offsets[part] * sizes[..., :3])
+        parts.append((positions, *_colors_and_opacities(model, inputs), scales, quaternions))
+    return LocalGaussians(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def anchor_appearance(
+    field: Field, state: AnchorState, camera_center: Doubles
+) -> tuple[Floats, Floats, Floats]:  # sRGB [N, K, 3], opacities [N, K], reach [N, K]
+    """Of `local_gaussians` what one point an anchor needs, without places and rotations: colours, opacities, and the
+    reach of each, the geometric mean of its two largest standard deviations in metres."""
+    model = field.model
+    K = model.config.offsets
+    rows = np.arange(7 * K).reshape(K, 7)[:, :3].ravel(order="F")  # all first axes, all second, all third
+    weight = model.tensors["decoder_covariance.output.weight"][rows].T
+    bias = model.tensors["decoder_covariance.output.bias"][rows]
+    parts = []
+    for part, inputs in _decoder_inputs(model, state, camera_center):
+        hidden = np.maximum(_linear(model, "decoder_covariance.hidden", inputs), 0)
+        shares = _sigmoid(hidden @ weight + bias).reshape(-1, 3, K)
+        first, second, third = ((state.scales[part, 3 + axis, None] * shares[:, axis]) for axis in range(3))
+        most = np.maximum(np.maximum(first, second), third)
+        middle = np.maximum(np.minimum(first, second), np.minimum(np.maximum(first, second), third))
+        parts.append((*_colors_and_opacities(model, inputs), np.float32(model.scale) * np.sqrt(most * middle)))
+    colors, opacities, reach = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return colors, opacities, reach
+
+
+def _decoder_inputs(model: Model, state: AnchorState, camera_center: Doubles) -> Iterator[tuple[slice, Floats]]:
+    """[f_i(t), d] [n, F + 3] for one slice of the anchors after the other."""
     center = ((camera_center - model.translation) / model.scale).astype(np.float32)
     direction = state.positions - center
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.float32(1e-12))
-    decoded = [_decode(model, state, direction, part) for part in _chunks(len(direction))]
-    positions, colors, opacities, scales, quaternions = (np.concatenate(parts) for parts in zip(*decoded, strict=True))
-    return LocalGaussians(positions, colors, opacities, scales, quaternions)
+    for part in _chunks(len(direction)):
+        yield part, np.concatenate([state.features[part], direction[part]], axis=1)
 
 
-def _decode(model: Model, state: AnchorState, direction: Floats, part: slice) -> tuple[Floats, ...]:
-    """The fields of LocalGaussians for a slice of the anchors; `direction` [N, 3] from the camera, unit."""
-    shape = (-1, model.config.offsets)
-    inputs = np.concatenate([state.features[part], direction[part]], axis=1)
-    opacities = np.tanh(_mlp(model, "decoder_opacity", inputs))
-    colors = _sigmoid(_mlp(model, "decoder_color", inputs)).reshape(*shape, 3)
-    covariance = _mlp(model, "decoder_covariance", inputs).reshape(*shape, 7)
-    state_scales = state.scales[part, None]
-    scales = np.float32(model.scale) * state_scales[..., 3:] * _sigmoid(covariance[..., :3])
-    quaternions = covariance[..., 3:]
-    quaternions = quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), np.float32(1e-12))
-    positions = state.positions[part, None] + state.offsets[part] * state_scales[..., :3]
-    return to_world(model, positions), colors, opacities, scales, quaternions
+def _colors_and_opacities(model: Model, inputs: Floats) -> tuple[Floats, Floats]:
+    colors = _sigmoid(_mlp(model, "decoder_color", inputs)).reshape(-1, model.config.offsets, 3)
+    return colors, np.tanh(_mlp(model, "decoder_opacity", inputs))
 
 
 def to_world(model: Model, positions: Floats) -> Floats:

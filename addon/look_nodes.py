@@ -231,11 +231,11 @@ def _discs(tree: Tree, geometry: Any, shown: Any) -> Any:
     rotation = tree.named(names.ROTATION.name, "QUATERNION")
     x_thinnest = tree.logic("AND", tree.compare(x, "LESS_THAN", y), tree.compare(x, "LESS_THAN", z))
     y_thinnest = tree.logic("AND", tree.compare(y, "LESS_EQUAL", x), tree.compare(y, "LESS_THAN", z))
-    size = tree.node("ShaderNodeCombineXYZ", {"X": x, "Y": y, "Z": 0.0}).outputs[0]
+    size = tree.node("ShaderNodeCombineXYZ", {"X": x, "Y": y, "Z": 1.0}).outputs[0]
     turned = rotation
     for condition, turn, across in (
-        (x_thinnest, TURNS[0], {"X": y, "Y": z, "Z": 0.0}),
-        (y_thinnest, TURNS[1], {"X": z, "Y": x, "Z": 0.0}),
+        (x_thinnest, TURNS[0], {"X": y, "Y": z, "Z": 1.0}),
+        (y_thinnest, TURNS[1], {"X": z, "Y": x, "Z": 1.0}),
     ):
         quaternion = tree.node("FunctionNodeQuaternionToRotation", dict(zip("WXYZ", turn, strict=True))).outputs[0]
         rotate = tree.node("FunctionNodeRotateRotation", rotation_space="LOCAL")

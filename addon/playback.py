@@ -17,6 +17,7 @@ from .container import Floats, ModelFileError
 from .field import Field, prepare
 from .model import Doubles, read_model
 
+FRAMES_KEPT_BYTES = 256 * 2**20  # of evaluated frames, so that playing them again costs no more than the copy
 PIECE = 2**20  # bytes at a time, of a file whose hash is taken
 TRAILS_KEPT = 2 * time_nodes.LONGEST_TRAIL
 
@@ -27,7 +28,20 @@ class Loaded:
 
     field: Field
     content: str  # hash of the file
+    frames: dict[str, dict[names.Attribute, Floats]] = dataclasses.field(default_factory=dict)  # by stamp
     trails: dict[tuple[str, int], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
+
+    def frame(
+        self, stamp: str, carrier: str, t: float, center: Doubles, wanted: frozenset[names.Attribute]
+    ) -> dict[names.Attribute, Floats]:
+        """`carriers.evaluate`, remembered under a stamp that tells these arguments apart; the latest are kept."""
+        if stamp not in self.frames:
+            values = carriers.evaluate(self.field, carrier, t, center, wanted)
+            size = sum(value.nbytes for value in values.values())
+            while self.frames and (len(self.frames) + 1) * size > FRAMES_KEPT_BYTES:
+                del self.frames[next(iter(self.frames))]
+            self.frames[stamp] = values
+        return self.frames[stamp]
 
     def trail(self, carrier: str, rank: int) -> Floats:
         """The positions at a whole frame of the clip; the latest ones asked for are kept."""
@@ -150,14 +164,15 @@ def show(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Dep
     center = camera_center(obj, loaded, t, scene, depsgraph)
     wanted = wanted_of(evaluated)
     trail = trail_length(evaluated)
-    stamp = f"{loaded.content} {carrier} {t!r} {center.tolist()} {sorted(a.name for a in wanted)} {trail}"
+    evaluation = f"{carrier} {t!r} {center.tolist()} {sorted(a.name for a in wanted)}"
+    stamp = f"{loaded.content} {evaluation} {trail}"
     # The stamp lies on the mesh and not in this module, so that undo and reload take it back with the positions.
     if mesh.get(names.STAMP_PROPERTY) == stamp:
         return
     check_fits(obj, loaded)
     start = time.perf_counter()
     rows = rows_of(mesh)
-    for attribute, values in carriers.evaluate(loaded.field, carrier, t, center, wanted).items():
+    for attribute, values in loaded.frame(evaluation, carrier, t, center, wanted).items():
         if attribute in names.APPEARANCE or attribute in wanted:
             points.write(mesh, attribute.name, attribute.type, values[rows])
     for age in range(1, trail + 1):
