@@ -60,6 +60,7 @@ def show_frames(camera: bpy.types.Object, model: Model) -> bool:
     background = camera.data.background_images.new()
     background.image, background.alpha, background.display_depth = image, 1.0, "BACK"
     user = background.image_user
+    user.use_auto_refresh = True
     user.frame_start, user.frame_duration = names.FIRST_FRAME, len(numbered)
     user.frame_offset = int(first[2]) - 1  # Blender takes the first file of a sequence for number 1
     camera.data.show_background_images = True

@@ -328,10 +328,14 @@ class MeasureSelection(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Measure the active object's selected vertices."""
         obj = context.active_object
-        obj.update_from_editmode()
+        mode = obj.mode
+        if mode == "EDIT":  # attributes are out of reach there
+            bpy.ops.object.mode_set(mode="OBJECT")
         chosen = np.zeros(len(obj.data.vertices), bool)
         obj.data.vertices.foreach_get("select", chosen)
         lines = snapshot.statistics(obj.data, chosen)
+        if mode == "EDIT":
+            bpy.ops.object.mode_set(mode="EDIT")
         statistics[obj.session_uid] = lines
         self.report({"INFO"}, "; ".join(lines))
         return {"FINISHED"}

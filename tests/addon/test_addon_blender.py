@@ -11,73 +11,11 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 from bad_model_files import BAD_FILES
+from driving import attribute, go_to, imported, played, set_input, srgb
 from model_files import make_model, write_model
 from slow_reference import evaluate
 
 FRAMES = 5
-
-
-@pytest.fixture
-def bpy(extension: str) -> Any:
-    """Blender with the extension and an empty file."""
-    import addon_utils
-    import bpy
-
-    assert addon_utils.check(extension) == (True, True)
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    return bpy
-
-
-@pytest.fixture
-def model_path(tmp_path: Path) -> Path:
-    folder = tmp_path / "crossing"
-    folder.mkdir()
-    return write_model(folder / "model.safetensors", *make_model(60, FRAMES))
-
-
-def imported(bpy: Any, path: Path, **options: Any) -> Any:
-    """Import through the operator; the new points, active."""
-    assert bpy.ops.aa4d.import_model(filepath=str(path), **options) == {"FINISHED"}
-    return bpy.context.active_object
-
-
-def set_input(extension: str, obj: Any, modifier: str, name: str, value: Any) -> None:
-    """Set an input of one of the object's modifiers, and let Blender know, as its interface does."""
-    importlib.import_module(f"{extension}.modifiers").put(obj.modifiers[modifier], name, value)
-    obj.update_tag()
-    import bpy
-
-    bpy.context.view_layer.update()
-
-
-def go_to(bpy: Any, frame: float) -> None:
-    bpy.context.scene.frame_set(int(frame), subframe=frame - int(frame))
-
-
-def attribute(data: Any, name: str) -> np.ndarray:
-    layer = data.attributes[name]
-    field, width = {
-        "FLOAT": ("value", 1),
-        "INT": ("value", 1),
-        "FLOAT_VECTOR": ("vector", 3),
-        "FLOAT_COLOR": ("color", 4),
-        "QUATERNION": ("value", 4),
-    }[layer.data_type]
-    values = np.empty(len(layer.data) * width, np.int32 if layer.data_type == "INT" else np.float32)
-    layer.data.foreach_get(field, values)
-    return values.reshape(-1, width) if width > 1 else values
-
-
-def played(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
-    """What the timeline makes of the points, baked or live, before the look turns them into something to draw."""
-    obj.modifiers["AdaAnchor4D"].show_viewport = False
-    data = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    names = ("position", "aa_color", "aa_opacity", "aa_radius", "aa_scale", "aa_rotation")
-    return {name: attribute(data, name) for name in names if name in data.attributes}
-
-
-def srgb(linear: np.ndarray) -> np.ndarray:
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
 
 
 def expected_at(frame: float) -> dict[str, np.ndarray]:
