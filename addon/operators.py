@@ -29,6 +29,7 @@ LOOK_ITEMS = (
     ("AUTOMATIC", "Automatic", "Points for anchors, Gaussians for Gaussians"),
     *((look, look, description) for look, description in look_nodes.LOOKS.items()),
 )
+PRESETS = str(Path(__file__).parent)  # the folder that holds presets/operator/...
 REGISTER_UNDO = {"REGISTER", "UNDO"}
 
 
@@ -501,6 +502,7 @@ def register() -> None:
     """Register the operators, the drop handler, and the entries of File > Import and File > Export."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
+    bpy.utils.register_preset_path(PRESETS)
     bpy.types.TOPBAR_MT_file_import.append(_import_entry)
     bpy.types.TOPBAR_MT_file_export.append(_export_entries)
 
@@ -509,6 +511,7 @@ def unregister() -> None:
     """Take them out again."""
     bpy.types.TOPBAR_MT_file_export.remove(_export_entries)
     bpy.types.TOPBAR_MT_file_import.remove(_import_entry)
+    bpy.utils.unregister_preset_path(PRESETS)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
     statistics.clear()

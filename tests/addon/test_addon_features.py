@@ -622,15 +622,18 @@ def test_passes_hold_depth_and_anchor(bpy: Any, tmp_path: Path) -> None:
     settings.file_format = "OPEN_EXR_MULTILAYER"
     scene.render.filepath = str(tmp_path / "passes.exr")
     bpy.ops.render.render(write_still=True)
-    image = oiio.ImageBuf(str(tmp_path / "passes.exr"))
-    channels = image.spec().channelnames
-    pixels = image.get_pixels(oiio.FLOAT)
+    path = str(tmp_path / "passes.exr")
+    channels: dict[str, np.ndarray] = {}
+    for part in range(oiio.ImageBuf(path).nsubimages):  # Blender 5.2 writes a part a pass
+        image = oiio.ImageBuf(path, part, 0)
+        name, pixels = image.spec().getattribute("name") or "", image.get_pixels(oiio.FLOAT)
+        channels.update({f"{name} {c}": pixels[..., i] for i, c in enumerate(image.spec().channelnames)})
     assert any("CryptoObject00" in name for name in channels)
-    anchor = next(i for i, name in enumerate(channels) if "AA Anchor" in name)
-    depth = next(i for i, name in enumerate(channels) if name.endswith(("Depth.Z", "Depth.V")))
-    assert pixels[27, 48, anchor] == 1  # aa_id 0, plus one
-    assert pixels[1, 1, anchor] == 0
-    assert 30 < pixels[27, 48, depth] < 60
+    anchor = next(values for name, values in channels.items() if "AA Anchor" in name)
+    depth = next(values for name, values in channels.items() if "Depth" in name)
+    assert anchor[27, 48] == 1  # aa_id 0, plus one
+    assert anchor[1, 1] == 0
+    assert 30 < depth[27, 48] < 60
 
 
 def moving_point(tmp_path: Path) -> Path:
@@ -683,3 +686,59 @@ def test_motion_blur_is_the_average_of_sub_frames(
     for axis in (0, 1):
         places = [(weight.sum(axis=1 - axis) * np.arange(weight.shape[axis])).sum() for weight in weights]
         assert abs(places[0] - places[1]) < 0.5
+
+
+def test_presets_set_what_exists(bpy: Any, extension: str) -> None:
+    """Blender finds them, and each names properties and values that the operator has."""
+    operators = importlib.import_module(f"{extension}.operators")
+    for name, count in (("aa4d.import_model", 3), ("aa4d.bake", 2)):
+        folders = [Path(path) for path in bpy.utils.preset_paths(f"operator/{name}")]
+        presets = [preset for folder in folders for preset in folder.glob("*.py")]
+        assert len(presets) == count
+        cls = next(cls for cls in operators.CLASSES if getattr(cls, "bl_idname", "") == name)
+        known = getattr(bpy.ops.aa4d, name.removeprefix("aa4d.")).get_rna_type().properties
+        assert "PRESET" in cls.bl_options
+        for preset in presets:
+            settings = [line for line in preset.read_text().splitlines() if line.startswith("op.")]
+            assert settings
+            for line in settings:
+                key, value = line.removeprefix("op.").split(" = ")
+                if known[key].type == "ENUM":
+                    assert value.strip('"') in known[key].enum_items
+                else:
+                    assert value in ("True", "False") or float(value) > 0
+
+
+def test_translations_are_of_texts_that_exist(bpy: Any, extension: str) -> None:
+    table = importlib.import_module(f"{extension}.translations").GERMAN
+    folder = Path(importlib.import_module(extension).__file__).parent
+    source = "".join(path.read_text() for path in folder.glob("*.py") if path.name != "translations.py")
+    assert [text for text in table if f'"{text}"' not in source and f'"""{text}"""' not in source] == []
+    view = bpy.context.preferences.view
+    before = view.language, view.use_translate_interface
+    if "de_DE" in view.bl_rna.properties["language"].enum_items:
+        try:
+            view.language, view.use_translate_interface = "de_DE", True
+            assert bpy.app.translations.pgettext_iface("Import Model") in ("Modell importieren", "Import Model")
+        finally:
+            view.language, view.use_translate_interface = before
+
+
+def test_everything_has_a_tooltip(bpy: Any, extension: str, model_path: Path) -> None:
+    operators = importlib.import_module(f"{extension}.operators")
+    own = {name for cls in operators.CLASSES for base in cls.__mro__ for name in getattr(base, "__annotations__", {})}
+    assert {"carrier", "use_range", "mode"} <= own
+    own.discard("filter_glob")
+    for cls in operators.CLASSES:
+        if not issubclass(cls, bpy.types.Operator):
+            continue
+        rna = getattr(bpy.ops.aa4d, cls.bl_idname.removeprefix("aa4d.")).get_rna_type()
+        assert rna.description
+        assert all(
+            rna.properties[name].description for name in own - {"filepath", "directory"} if name in rna.properties
+        )
+    obj = imported(bpy, model_path)
+    modifiers = importlib.import_module(f"{extension}.modifiers")
+    for modifier in obj.modifiers:
+        assert all(item.description for item in modifiers.inputs_of(modifier.node_group))
+    assert all(p.description for p in obj.aa4d.bl_rna.properties if p.identifier not in ("rna_type", "name"))
