@@ -35,7 +35,7 @@ def random_model(path: Path, anchors: int) -> None:
         return np.float32(scale) * random.standard_normal(shape, dtype=np.float32)
 
     tensors = {
-        "anchors.position": random.uniform(-1, 1, (anchors, 3)).astype(np.float32) * np.float32([1, 1, 0.1]),
+        "anchors.position": random.uniform(-1, 1, (anchors, 3)).astype(np.float32) * np.array([1, 1, 0.1], np.float32),
         "anchors.feature": normal(anchors, F),
         "anchors.offset": normal(anchors, K, 3),
         "anchors.log_scale": normal(anchors, 6, scale=0.3) - 5,

@@ -7,7 +7,7 @@ import bpy
 from . import materials, names
 from .node_tree import Tree, socket, versioned_group
 
-VERSION = 3
+VERSION = 4
 LOOK, SIZE, LIT = "Look", "Size", "Lit"
 COLOR_BY, PLANE, LOW, HIGH = "Colour By", "Plane", "Low", "High"
 MINIMUM_OPACITY, NEAREST, FARTHEST = "Minimum Opacity", "Moved at Least", "Moved at Most"
@@ -80,8 +80,19 @@ def look_group() -> bpy.types.NodeTree:
     join = tree.group.nodes.new("GeometryNodeJoinGeometry")
     tree.group.links.new(_ghosts(tree, geometry, shown), join.inputs[0])
     tree.group.links.new(drawn, join.inputs[0])
-    tree.finish(join.outputs[0])
+    # Joining copies every attribute, so without ghosts there is none.
+    haunted = tree.compare(_trail_length(tree, geometry), "GREATER_THAN", 0.5)
+    tree.finish(tree.switch("GEOMETRY", haunted, drawn, join.outputs[0]))
     return group
+
+
+def _trail_length(tree: Tree, geometry: Any) -> Any:
+    """How many ghosts there are, as one number for all points."""
+    sample = tree.group.nodes.new("GeometryNodeSampleIndex")
+    sample.data_type = "INT"
+    tree.set(socket(sample.inputs, "Geometry"), geometry)
+    tree.set(socket(sample.inputs, "Value"), tree.named(names.TRAIL.name, names.TRAIL.type))
+    return sample.outputs[0]
 
 
 def _make_inputs(tree: Tree) -> None:
@@ -266,11 +277,7 @@ def _instances(tree: Tree, geometry: Any, shown: Any, shape: Any, rotation: Any,
 
 def _ghosts(tree: Tree, geometry: Any, shown: Any) -> Any:
     """Points where what moves was before, smaller the longer ago."""
-    sample = tree.group.nodes.new("GeometryNodeSampleIndex")
-    sample.data_type = "INT"
-    tree.set(socket(sample.inputs, "Geometry"), geometry)
-    tree.set(socket(sample.inputs, "Value"), tree.named(names.TRAIL.name, names.TRAIL.type))
-    count = sample.outputs[0]
+    count = _trail_length(tree, geometry)
     start = tree.group.nodes.new("GeometryNodeRepeatInput")
     end = tree.group.nodes.new("GeometryNodeRepeatOutput")
     start.pair_with_output(end)

@@ -36,7 +36,11 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--render", type=Path, help="also render one frame to this PNG")
     parser.add_argument(
-        "--car", action="store_true", help="drive a CG car through the scene, which it is lit, hidden and shadowed by"
+        "--car",
+        type=float,
+        nargs=4,
+        metavar=("X0", "Y0", "X1", "Y1"),
+        help="drive a CG car from one place to another (metres) over the clip, lit, hidden and shadowed by the scene",
     )
     parser.add_argument("--frame", type=int, help="which frame to open on and to render; the middle one by default")
     return parser.parse_args(given)
@@ -124,12 +128,12 @@ def build_scene(options: argparse.Namespace) -> None:
     for obj in scene.objects:
         if obj.type == "MESH":
             obj.aa4d.filepath = bpy.path.relpath(str(options.model.resolve()), start=str(options.out.resolve().parent))
-    if options.car:
-        add_car(points)
+    if options.car is not None:
+        add_car(points, options.car)
     scene.frame_set(frame)
     scene.cycles.samples = GAUSSIAN_SAMPLES if options.gaussians else SAMPLES
     scene.cycles.use_denoising = options.gaussians  # transparency is sampled; bare points have no noise to take out
-    scene.cycles.max_bounces = 2 if options.car else 0
+    scene.cycles.max_bounces = 2 if options.car is not None else 0
     scene.render.resolution_percentage = max(100, round(100 * 640 / scene.render.resolution_x))
     for screen in bpy.data.screens:
         for area in screen.areas:
@@ -188,8 +192,8 @@ def add_gaussians(options: argparse.Namespace) -> None:
     obj.hide_viewport = True
 
 
-def add_car(points: Any) -> None:
-    """A car of a few boxes that crosses the scene along x, on its ground, under a sun; the reconstruction is lit."""
+def add_car(points: Any, path: list[float]) -> None:
+    """A car of a few boxes that drives along `path`, on the ground, under a sun; the reconstruction is lit."""
     import importlib
 
     import bpy
@@ -207,8 +211,6 @@ def add_car(points: Any) -> None:
     places = np.empty(3 * len(points.data.vertices), np.float32)
     points.data.attributes["position"].data.foreach_get("vector", places)
     ground = compositing.fit_ground(places.reshape(-1, 3))
-    middle, half = (ground.lower + ground.upper) / 2, (ground.upper - ground.lower) / 2
-
     paint = bpy.data.materials.new("Car Paint")
     if bpy.app.version < (5, 0):
         paint.use_nodes = True
@@ -226,8 +228,9 @@ def add_car(points: Any) -> None:
         part.name, part.scale, part.location, part.parent = name, size, place, car
         part.data.materials.append(paint)
         part.select_set(False)
-    for frame, side in ((scene.frame_start, -1), (scene.frame_end, 1)):
-        xy = middle + side * np.array([0.35 * half[0], 0.0])
+    ends = np.array(path).reshape(2, 2)
+    car.rotation_euler = (0, 0, float(np.arctan2(*(ends[1] - ends[0])[::-1])))
+    for frame, xy in zip((scene.frame_start, scene.frame_end), ends, strict=True):
         car.location = (*xy, float(ground.z(xy)))
         car.keyframe_insert("location", frame=frame)
     for curve in car.animation_data.action.layers[0].strips[0].channelbags[0].fcurves:

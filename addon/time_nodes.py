@@ -8,7 +8,7 @@ import bpy
 from . import clip_time, modifiers, names
 from .node_tree import Tree, socket, versioned_group
 
-VERSION = 2
+VERSION = 3
 START, SPEED, REVERSE, OUTSIDE = "Start Frame", "Speed", "Reverse", "Outside the Clip"
 BY_HAND, TIME = "Set Time by Hand", "Time"
 TRAIL = "Trail"
@@ -72,7 +72,9 @@ def baked_group(attributes: Collection[names.Attribute]) -> bpy.types.NodeTree:
         else:
             geometry = tree.store(geometry, key.attribute, value)
         if key.attribute == names.COLOR:
-            alpha = tree.node("FunctionNodeSeparateColor", {"Color": value}).outputs["Alpha"]
+            # Read back: of `value` itself, Blender would mix the keys a second time.
+            stored = {"Color": tree.named(names.COLOR.name, names.COLOR.type)}
+            alpha = tree.node("FunctionNodeSeparateColor", stored).outputs["Alpha"]
             geometry = tree.store(geometry, names.OPACITY, alpha)
     for key in keys:  # what comes after would copy every one of them to what it makes
         geometry = _without(tree, geometry, key.prefix + "*")
