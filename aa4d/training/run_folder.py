@@ -11,7 +11,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from aa4d.errors import InputError
-from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.files import make_folder, read_json_object, remove_unfinished, write_json
 
 SETTINGS = "config.json"
 
@@ -45,8 +45,7 @@ def claimed(out: Path, settings: dict[str, Any]) -> Iterator[None]:
     lock = FileLock(out / ".lock", timeout=0)  # the system releases it when the process dies
     try:
         with lock:
-            for unfinished in out.glob(".*.safetensors.*"):
-                unfinished.unlink()
+            remove_unfinished(out)
             write_json(out / SETTINGS, settings)
             yield
     except Timeout:
