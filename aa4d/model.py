@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from aa4d.anchors.canonical import AnchorRows, Anchors
 from aa4d.anchors.decoding import AnchorState, Decoder
-from aa4d.field.aggregation import AnchorConditionedAggregation
+from aa4d.field.aggregation import make_aggregation
 from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
 from aa4d.field.mlp import TwoLayer
 from aa4d.field.planes import FeaturePlanes
@@ -32,10 +32,12 @@ class ModelConfig:
     geometry_hidden: int = 128  # [paper] of Phi_o, Phi_s
     encoder_width: int = 128
     decoder_hidden: int = 32
+    aggregation: str = "acfa"  # [paper] a name in aa4d/field/aggregation.py
 
 
 class AdaAnchor4D(nn.Module):
-    """Anchors, the shared field and the networks. Module names are the tensor names of docs/formats.md."""
+    """Anchors, the shared field and the networks. Module names are the tensor names of docs/formats.md, or become them
+    in aa4d/model_file.py."""
 
     def __init__(self, config: ModelConfig, anchors: Anchors) -> None:
         super().__init__()
@@ -44,7 +46,7 @@ class AdaAnchor4D(nn.Module):
         self.anchors = anchors
         self.field = FeaturePlanes(c.plane_dim, c.spatial_resolutions, c.temporal_resolution)
         self.warp = CoordinateWarp(c.bins)
-        self.acfa = AnchorConditionedAggregation(c.embedding_dim, c.weight_hidden, c.plane_dim)
+        self.aggregation = make_aggregation(c.aggregation, c.embedding_dim, c.weight_hidden, c.plane_dim)
         self.encoder = nn.Linear(c.plane_dim * self.field.levels, c.encoder_width)  # Phi_enc
         nn.init.xavier_uniform_(self.encoder.weight)
         # The paper zero-initialises Phi_w, Phi_o and Phi_s only. Phi_x and Phi_f start at zero here as well, so that
@@ -62,7 +64,7 @@ class AdaAnchor4D(nn.Module):
     def deformed(self, a: AnchorRows, t: float) -> AnchorState:
         """A_i(t) for one t in [0, 1] (paper, sections 4.2 to 4.4)."""
         u = self.warp(self.field.normalise(a.position))
-        h = self.acfa(self.field(u, t), a.embedding_acfa, t)
+        h = self.aggregation(self.field(u, t), a.embedding_acfa, t)
         z = torch.relu(self.encoder(h))
         return AnchorState(
             position=a.position + self.head_position(z),

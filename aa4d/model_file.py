@@ -20,6 +20,7 @@ from aa4d.anchors.canonical import Anchors
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture
 from aa4d.errors import InputError
+from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.files import whole_file
 from aa4d.model import AdaAnchor4D, ModelConfig
 
@@ -42,7 +43,7 @@ class LoadedModel:
 
 def file_name_of(parameter: str) -> str:
     """The tensor's name in the file for a name in the module's state."""
-    return parameter.replace("decoder.", "decoder_", 1)
+    return parameter.replace("decoder.", "decoder_", 1).replace("aggregation.predictor.", "acfa.", 1)
 
 
 def save_model(
@@ -68,7 +69,7 @@ def save_model(
             "plane_dim": c.plane_dim,
             "levels": len(c.spatial_resolutions),
             "bins": c.bins,
-            "aggregation": "acfa",
+            "aggregation": c.aggregation,
             "dlgd": True,
             "dacw": True,
         },
@@ -152,9 +153,15 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
     """Sizes that the header does not state stand in the tensors' shapes."""
     try:
         value = header["config"]
-        variant = (value["aggregation"], value["dlgd"], value["dacw"])
-        if variant != ("acfa", True, True):
+        variant = (value["dlgd"], value["dacw"])
+        if variant != (True, True):
             raise InputError(f"{path}: a model variant {variant} that this aa4d does not know; update aa4d")
+        aggregation = value.get("aggregation", "acfa")
+        if aggregation not in AGGREGATIONS:
+            raise InputError(
+                f"{path}: aggregation {aggregation!r} is unknown (known: {', '.join(AGGREGATIONS)}); update aa4d"
+            )
+        has_predictor = "acfa.hidden.bias" in tensors
         levels = range(int(value["levels"]))
         planes = [_tensor(tensors, f"field.planes.{level}.xt", path) for level in levels]
         return ModelConfig(
@@ -165,10 +172,11 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
             spatial_resolutions=tuple(p.shape[2] for p in planes),
             temporal_resolution=planes[0].shape[1],
             bins=int(value["bins"]),
-            weight_hidden=len(_tensor(tensors, "acfa.hidden.bias", path)),
+            weight_hidden=len(tensors["acfa.hidden.bias"]) if has_predictor else ModelConfig.weight_hidden,
             geometry_hidden=len(_tensor(tensors, "dlgd_scale.hidden.bias", path)),
             encoder_width=len(_tensor(tensors, "encoder.bias", path)),
             decoder_hidden=len(_tensor(tensors, "decoder_opacity.hidden.bias", path)),
+            aggregation=aggregation,
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: the header's config is incomplete ({error!r}); train the model again") from None

@@ -14,6 +14,7 @@ from aa4d.anchors.canonical import Anchors
 from aa4d.capture.frame import frame_of
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
+from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model
 
@@ -148,9 +149,34 @@ def test_an_incomplete_configuration_is_refused(model_path: Path) -> None:
         load_model(model_path)
 
 
+@pytest.mark.parametrize("name", AGGREGATIONS)
+def test_every_aggregation_survives_the_file(toy_capture: Path, tmp_path: Path, name: str) -> None:
+    capture, path = read_capture(toy_capture), tmp_path / "model.safetensors"
+    config = replace(CONFIG, aggregation=name)
+    model = AdaAnchor4D(config, Anchors(torch.randn(4, 3), torch.randn(4, 6), 3, 32, 32))
+    save_model(
+        path,
+        model,
+        stage="fine",
+        capture=capture,
+        frame=frame_of(capture),
+        background=(0, 0, 0),
+        training={"seconds": 1.0},
+    )
+    loaded = load_model(path).model
+    assert loaded.config == config
+    for parameter, value in model.state_dict().items():
+        assert torch.equal(value, loaded.state_dict()[parameter]), parameter
+
+
+def test_a_file_without_an_aggregation_is_acfa(model_path: Path) -> None:
+    rewrite_header(model_path, lambda h: h["config"].pop("aggregation"))
+    assert load_model(model_path).model.config.aggregation == "acfa"
+
+
 def test_an_unknown_variant_is_refused(model_path: Path) -> None:
-    rewrite_header(model_path, lambda h: h["config"].update(aggregation="product"))
-    with pytest.raises(InputError, match=r"variant .*'product'"):
+    rewrite_header(model_path, lambda h: h["config"].update(aggregation="attention"))
+    with pytest.raises(InputError, match=r"aggregation 'attention' is unknown .*product"):
         load_model(model_path)
 
 

@@ -24,7 +24,7 @@ def make_optimiser(model: AdaAnchor4D, rates: LearningRates, stage: str) -> Adam
     }
     if stage == "fine":
         deforming = (
-            model.acfa,
+            model.aggregation,
             model.encoder,
             model.head_feature,
             model.dlgd_offset,
