@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from aa4d.anchors.canonical import EMBEDDINGS, AnchorRows, Anchors
 from aa4d.anchors.decoding import AnchorState, Decoder
-from aa4d.field.aggregation import AnchorConditionedAggregation
+from aa4d.field.aggregation import make_aggregation
 from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
 from aa4d.field.mlp import TwoLayer
 from aa4d.field.planes import FeaturePlanes
@@ -34,6 +34,7 @@ class ModelConfig:
     geometry_hidden: int = 128  # [paper] of Phi_o, Phi_s
     encoder_width: int = 128
     decoder_hidden: int = 32
+    aggregation: str = "acfa"  # [paper] a name in aa4d/field/aggregation.py
 
     def embeddings(self) -> tuple[str, ...]:
         """Names of the embeddings that each anchor owns."""
@@ -41,7 +42,8 @@ class ModelConfig:
 
 
 class AdaAnchor4D(nn.Module):
-    """Anchors, the shared field and the networks. Module names are the tensor names of docs/formats.md."""
+    """Anchors, the shared field and the networks. Module names are the tensor names of docs/formats.md, or become them
+    in aa4d/model_file.py."""
 
     def __init__(self, config: ModelConfig, anchors: Anchors) -> None:
         super().__init__()
@@ -58,7 +60,7 @@ class AdaAnchor4D(nn.Module):
         # the fine stage begins exactly where the coarse stage ended.
         self.head_position = TwoLayer(c.encoder_width, c.encoder_width, 3, zero_output=True)  # Phi_x
         self.head_feature = TwoLayer(c.encoder_width, c.encoder_width, c.feature_dim, zero_output=True)  # Phi_f
-        self.acfa = AnchorConditionedAggregation(c.embedding_dim, c.weight_hidden, c.plane_dim)
+        self.aggregation = make_aggregation(c.aggregation, c.embedding_dim, c.weight_hidden, c.plane_dim)
         if c.dlgd:
             self.dlgd_offset = OffsetDeformation(c.embedding_dim, c.geometry_hidden, c.offsets)  # Phi_o
             self.dlgd_scale = ScaleDeformation(c.embedding_dim, c.geometry_hidden)  # Phi_s
@@ -70,7 +72,7 @@ class AdaAnchor4D(nn.Module):
     def deformed(self, a: AnchorRows, t: float) -> AnchorState:
         """A_i(t) for one t in [0, 1] (paper, sections 4.2 to 4.4)."""
         u = self.warp(self.field.normalise(a.position))
-        h = self.acfa(self.field(u, t), a.embedding_acfa, t)
+        h = self.aggregation(self.field(u, t), a.embedding_acfa, t)
         z = torch.relu(self.encoder(h))
         offset, log_scale = a.offset, a.log_scale
         if a.embedding_offset is not None and a.embedding_scale is not None:

@@ -19,6 +19,7 @@ from aa4d import __version__
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture
 from aa4d.errors import InputError
+from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.field.warping import CoordinateWarp
 from aa4d.files import whole_file
 from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
@@ -42,7 +43,7 @@ class LoadedModel:
 
 def file_name_of(parameter: str) -> str:
     """The tensor's name in the file for a name in the module's state."""
-    return parameter.replace("decoder.", "decoder_", 1)
+    return parameter.replace("decoder.", "decoder_", 1).replace("aggregation.predictor.", "acfa.", 1)
 
 
 def save_model(
@@ -68,7 +69,7 @@ def save_model(
             "plane_dim": c.plane_dim,
             "levels": len(c.spatial_resolutions),
             "bins": c.bins,
-            "aggregation": "acfa",
+            "aggregation": c.aggregation,
             "dlgd": c.dlgd,
             "dacw": c.dacw,
         },
@@ -153,9 +154,13 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
     """Sizes that the header does not state stand in the tensors' shapes."""
     try:
         value = header["config"]
-        if value["aggregation"] != "acfa":
-            raise InputError(f"{path}: aggregation {value['aggregation']!r} is not known to this aa4d; update aa4d")
+        aggregation = value.get("aggregation", "acfa")
+        if aggregation not in AGGREGATIONS:
+            raise InputError(
+                f"{path}: aggregation {aggregation!r} is unknown (known: {', '.join(AGGREGATIONS)}); update aa4d"
+            )
         dlgd, dacw = _switch(value, "dlgd", path), _switch(value, "dacw", path)
+        has_predictor = "acfa.hidden.bias" in tensors
         levels = range(int(value["levels"]))
         planes = [_tensor(tensors, f"field.planes.{level}.xt", path) for level in levels]
         return ModelConfig(
@@ -168,10 +173,13 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
             dlgd=dlgd,
             dacw=dacw,
             bins=int(value["bins"]),
-            weight_hidden=len(_tensor(tensors, "acfa.hidden.bias", path)),
-            geometry_hidden=len(_tensor(tensors, "dlgd_scale.hidden.bias", path)) if dlgd else 0,
+            weight_hidden=len(tensors["acfa.hidden.bias"]) if has_predictor else ModelConfig.weight_hidden,
+            geometry_hidden=len(_tensor(tensors, "dlgd_scale.hidden.bias", path))
+            if dlgd
+            else ModelConfig.geometry_hidden,
             encoder_width=len(_tensor(tensors, "encoder.bias", path)),
             decoder_hidden=len(_tensor(tensors, "decoder_opacity.hidden.bias", path)),
+            aggregation=aggregation,
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: the header's config is incomplete ({error!r}); train the model again") from None

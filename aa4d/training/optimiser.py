@@ -22,7 +22,7 @@ def make_optimiser(model: AdaAnchor4D, rates: LearningRates, stage: str) -> Adam
         "decoder_covariance": list(model.decoder.covariance.parameters()),
     }
     if stage == "fine":
-        deforming = [model.acfa, model.encoder, model.head_feature]
+        deforming = [model.aggregation, model.encoder, model.head_feature]
         if model.config.dlgd:
             deforming += [model.dlgd_offset, model.dlgd_scale]
         groups["embedding"] = [getattr(anchors, name) for name in model.config.embeddings()]
