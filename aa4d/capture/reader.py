@@ -87,8 +87,8 @@ def read_capture(folder: Path) -> Capture:
     version = document.get("version")
     if not isinstance(version, int) or version < 1 or version > CAPTURE_VERSION:
         raise InputError(f"{index}: version {version!r} is not known here (newest: {CAPTURE_VERSION}); update aa4d")
-    camera = _camera(document, index)
-    frames = tuple(_frame(value, i, index) for i, value in enumerate(_list(document, "frames", index)))
+    camera = pinhole_camera(document, index)
+    frames = tuple(frame_of_index(value, i, index) for i, value in enumerate(_list(document, "frames", index)))
     _check_frames(frames, index)
     fps = _number(document, "fps", index)
     if fps <= 0:
@@ -178,7 +178,8 @@ def _points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     return points, colors
 
 
-def _camera(document: dict[str, Any], index: Path) -> PinholeCamera:
+def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
+    """The value of key "camera"; `index` is the file to name where it is refused."""
     value = document.get("camera")
     if not isinstance(value, dict):
         raise InputError(f'{index}: key "camera" is missing or not an object')
@@ -193,10 +194,15 @@ def _camera(document: dict[str, Any], index: Path) -> PinholeCamera:
     return PinholeCamera(width, height, K)
 
 
-def _frame(value: Any, number: int, index: Path) -> Frame:
+def frame_of_index(value: Any, number: int, index: Path) -> Frame:
+    """One frame of a capture's index or of a model's header; `index` is the file to name where it is refused."""
     if not isinstance(value, dict):
         raise InputError(f"{index}: frame {number} is not an object")
-    label = f"frame {value.get('name', number)!r}"
+    name = str(value.get("name", number))
+    label = f"frame {name!r}"
+    # Pictures of a frame are written under its name.
+    if not name or name.startswith(".") or any(c in name for c in '/\\:\0'):
+        raise InputError(f"{index}: {label} has a name that is no plain file name; rename the frame")
     if value.get("viewmat") is None:
         raise InputError(f"{index}: {label} has no pose (viewmat); remove the frame or add its pose")
     viewmat = _matrix(value["viewmat"], (4, 4), f"viewmat of {label}", index)
@@ -211,7 +217,7 @@ def _frame(value: Any, number: int, index: Path) -> Frame:
         raise InputError(f'{index}: split of {label} is {split!r}, expected "train" or "test"')
     truth = value.get("truth")
     return Frame(
-        name=str(value.get("name", number)),
+        name=name,
         image=_inside(value.get("image"), f"image of {label}", index),
         truth=None if truth is None else _inside(truth, f"truth of {label}", index),
         time_s=_number(value, "time_s", index, label),
