@@ -201,7 +201,7 @@ def frame_of_index(value: Any, number: int, index: Path) -> Frame:
     name = str(value.get("name", number))
     label = f"frame {name!r}"
     # Pictures of a frame are written under its name.
-    if not name or name.startswith(".") or any(c in name for c in '/\\:\0'):
+    if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
         raise InputError(f"{index}: {label} has a name that is no plain file name; rename the frame")
     if value.get("viewmat") is None:
         raise InputError(f"{index}: {label} has no pose (viewmat); remove the frame or add its pose")
