@@ -12,6 +12,7 @@ from rich.console import Console
 from aa4d.commands.bench import bench
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
+from aa4d.commands.export import export
 from aa4d.commands.render import render
 from aa4d.commands.synth import synth
 from aa4d.commands.train import train
@@ -31,6 +32,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "train": train,
     "eval": evaluate,
     "render": render,
+    "export": export,
     "demo": demo,
     "bench": bench,
 }

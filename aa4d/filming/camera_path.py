@@ -39,6 +39,13 @@ class CameraPath:
     camera: PinholeCamera
     fps: float  # of a video of the views
 
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "camera": self.camera.as_json(),
+            "fps": self.fps,
+            "views": [{"name": v.name, "t": v.t, "viewmat": v.viewmat.tolist()} for v in self.views],
+        }
+
 
 def path_of_frames(loaded: LoadedModel, views: Views) -> CameraPath:
     """The poses and times of the capture's frames. A video of a part of them lasts as long as the clip.
@@ -164,10 +171,19 @@ def with_camera(path: CameraPath, viewmat: NDArray[np.float64]) -> CameraPath:
     return replace(path, views=tuple(replace(view, viewmat=viewmat) for view in path.views))
 
 
-def pose_of_frame(loaded: LoadedModel, name: str) -> NDArray[np.float64]:
+def only_time(path: CameraPath, t: float) -> CameraPath:
+    """One view, at time t; its camera is that of the view nearest in time."""
+    check_time(t, "--time")
+    nearest = min(range(len(path.views)), key=lambda i: abs(path.views[i].t - t))
+    view = replace(path.views[nearest], name="000000", t=t)
+    return replace(path, views=(view,), at=path.at[:1])
+
+
+def view_of_frame(loaded: LoadedModel, name: str) -> View:
+    """The pose and time of the capture's frame of that name."""
     for frame in loaded.frames:
         if frame.name == name:
-            return frame.viewmat
+            return View(frame.name, frame.t, frame.viewmat)
     first, last = loaded.frames[0].name, loaded.frames[-1].name
     raise InputError(f"{loaded.path}: its capture has no frame {name!r}; they run from {first!r} to {last!r}")
 
@@ -200,6 +216,6 @@ def named_path(
         path = with_time(path, time)
         name.append(f"t{time:g}")
     if camera is not None:
-        path = with_camera(path, pose_of_frame(loaded, camera))
+        path = with_camera(path, view_of_frame(loaded, camera).viewmat)
         name.append(f"from-{camera}")
     return path, "-".join(name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,12 @@ from PIL import Image
 
 from aa4d.capture.reader import number_of
 from aa4d.errors import InputError
-from aa4d.files import make_folder, read_json_object, whole_file, write_json
+from aa4d.files import whole_file, write_json
 from aa4d.filming.camera_path import CameraPath
 from aa4d.filming.layers import LAYERS, colored, draw, scale_of
 from aa4d.filming.video import write_video
 from aa4d.model_file import LoadedModel
+from aa4d.output_folder import claim_folder, digest_of
 
 INDEX = "render.json"
 VERSION = 1
@@ -46,7 +46,7 @@ def film(
     Raises:
         InputError: `out` holds something else.
     """
-    index = _claim(out, loaded, path)
+    index = claim_folder(out, INDEX, _settings(loaded, path), "a render")
     scales = _scales(loaded, path, layers, index, out)
     for name in scales:
         _write_legend(out / f"{name}_scale.png", name, scales[name])
@@ -68,40 +68,20 @@ def film(
     return {name: scales[name] for name in layers if name in scales}
 
 
-def _claim(out: Path, loaded: LoadedModel, path: CameraPath) -> dict[str, Any]:
-    """The index of the film in `out`, which must be this film or none."""
-    wanted = {
-        "format": "aa4d-render",
-        "version": VERSION,
-        "model_sha256": hashlib.sha256(loaded.path.read_bytes()).hexdigest(),
-        "camera": path.camera.as_json(),
-        "fps": path.fps,
-        "views": [{"name": v.name, "t": v.t, "viewmat": v.viewmat.tolist()} for v in path.views],
-    }
-    if (out / INDEX).exists():
-        found = read_json_object(out / INDEX, "the index of a render")
-        if any(found.get(key) != value for key, value in wanted.items()):
-            raise InputError(
-                f"{out}: holds a render of another model or camera path; choose another --out, or delete that folder"
-            )
-        return found
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: not empty and not a render; choose a new folder with --out")
-    make_folder(out)
-    index = wanted | {"scales": {}}
-    write_json(out / INDEX, index)
-    return index
+def _settings(loaded: LoadedModel, path: CameraPath) -> dict[str, Any]:
+    """What every picture depends on."""
+    return {"format": "aa4d-render", "version": VERSION, "model_sha256": digest_of(loaded.path)} | path.as_json()
 
 
 def _scales(loaded: LoadedModel, path: CameraPath, layers: list[str], index: dict[str, Any], out: Path) -> Scales:
     """Those that the index has, so that a film keeps its scale when it continues, and new ones, which it then has."""
-    kept = index.get("scales", {})
     try:
+        kept = dict(index.get("scales", {}))
         scales = {
             name: (number_of(scale, "lower", out / INDEX), number_of(scale, "upper", out / INDEX))
             for name, scale in kept.items()
         }
-    except (AttributeError, TypeError):
+    except (AttributeError, TypeError, ValueError):
         raise InputError(f"{out / INDEX}: is damaged; delete that folder and render again") from None
     new = [name for name in layers if name in LAYERS and name not in scales]
     if new:
