@@ -42,7 +42,7 @@ def show_frames(camera: bpy.types.Object, model: Model) -> bool:
     The path stands in the model file, so what it leads to must be a capture, and the frames must lie inside it,
     numbered one after the other.
     """
-    folder = _capture_folder(model)
+    folder = capture_folder(model)
     if folder is None or not model.images:
         return False
     numbered = [re.fullmatch(r"(.*?)(\d+)(\.\w+)", image) for image in model.images]
@@ -67,7 +67,7 @@ def show_frames(camera: bpy.types.Object, model: Model) -> bool:
     return True
 
 
-def _capture_folder(model: Model) -> Path | None:
+def capture_folder(model: Model) -> Path | None:
     """The capture that the model was trained on, where it still lies beside it."""
     if model.capture is None:
         return None

@@ -2,11 +2,25 @@
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import bpy
+import numpy as np
 
-from . import bake, carriers, look_nodes, materials, modifiers, names, playback, points, properties, time_nodes
-from .camera import create_camera, show_frames
+from . import (
+    activity,
+    bake,
+    carriers,
+    look_nodes,
+    materials,
+    modifiers,
+    names,
+    playback,
+    points,
+    properties,
+    time_nodes,
+)
+from .camera import capture_folder, create_camera, show_frames
 from .container import ModelFileError
 from .model import Model
 from .scene import set_timeline, set_up_scene
@@ -95,3 +109,39 @@ def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
     playback.problems.pop(obj.session_uid, None)
     if settings.playback == "LIVE":
         playback.show(obj, scene)
+
+
+def label_activity(obj: bpy.types.Object) -> dict[str, int]:
+    """Write the activity at each point's anchor; how many points have which.
+
+    Raises:
+        ModelFileError: the model or its capture is not found, or knows no activity.
+        RuntimeError: Blender cannot read one of the pictures.
+    """
+    loaded = playback.loaded_of(obj)
+    playback.check_fits(obj, loaded)
+    model = loaded.field.model
+    folder = capture_folder(model)
+    if folder is None:
+        raise ModelFileError(f"The capture that {model.path.name} was trained on is not beside it.")
+    labels = activity.label_anchors(model, folder, lambda rank: loaded.trail(names.ANCHORS, rank), _read_labels)
+    rows = points.ids(obj.data) // carriers.points_per_anchor(loaded.field, obj.aa4d.carrier)
+    points.write(obj.data, names.ACTIVITY.name, names.ACTIVITY.type, labels[rows])
+    obj.data.update()
+    known = ("not seen", *activity.LABELS)
+    return {
+        known[label + 1]: int(count) for label, count in zip(*np.unique(labels[rows], return_counts=True), strict=True)
+    }
+
+
+def _read_labels(path: Path) -> np.ndarray:
+    """A picture of 8-bit labels [H, W], first row at the top."""
+    image = bpy.data.images.load(str(path))
+    try:
+        image.colorspace_settings.name = "Non-Color"
+        width, height = image.size
+        pixels = np.empty(width * height * image.channels, np.float32)
+        image.pixels.foreach_get(pixels)
+        return np.round(255 * pixels.reshape(height, width, -1)[::-1, :, 0]).astype(np.uint8)
+    finally:
+        bpy.data.images.remove(image)

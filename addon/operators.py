@@ -363,6 +363,25 @@ class AddGrid(OnImportedObject, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class LabelActivity(OnImportedObject, bpy.types.Operator):
+    """Give every point the activity that the capture's truth knows at its anchor, to colour by"""
+
+    bl_idname = "aa4d.label_activity"
+    bl_label = "Label Activity"
+    bl_options = REGISTER_UNDO
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Label the active object's points."""
+        obj = context.active_object
+        try:
+            counts = importer.label_activity(obj)
+        except (ModelFileError, RuntimeError) as error:
+            self.report({"ERROR"}, str(error).strip())
+            return {"CANCELLED"}
+        self.report({"INFO"}, ", ".join(f"{count:,} {label}" for label, count in counts.items()))
+        return {"FINISHED"}
+
+
 class SetUpCompositing(OnImportedObject, bpy.types.Operator):
     """Set the scene up for CG objects among the reconstruction: shadows, hiding, depth and ids"""
 
@@ -482,6 +501,7 @@ CLASSES = (
     FitLegend,
     MeasureSelection,
     AddGrid,
+    LabelActivity,
     SetUpCompositing,
     ExportPly,
     ExportUsd,

@@ -121,6 +121,7 @@ class InspectionPanel(ObjectPanel, bpy.types.Panel):
                 _draw_inputs(layout, look, (look_nodes.CROP_OBJECT,))
         _draw_inputs(layout, obj.modifiers.get(names.TIME_MODIFIER), (time_nodes.TRAIL,))
         _draw_inputs(layout, look, (look_nodes.TRAIL_DISTANCE,))
+        layout.operator(operators.LabelActivity.bl_idname, icon="AUTO")
         layout.operator(operators.AddGrid.bl_idname, icon="MESH_GRID")
         layout.operator(operators.MeasureSelection.bl_idname, icon="INFO")
         for line in operators.statistics.get(obj.session_uid, ()):

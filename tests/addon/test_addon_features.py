@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -742,3 +743,34 @@ def test_everything_has_a_tooltip(bpy: Any, extension: str, model_path: Path) ->
     for modifier in obj.modifiers:
         assert all(item.description for item in modifiers.inputs_of(modifier.node_group))
     assert all(p.description for p in obj.aa4d.bl_rna.properties if p.identifier not in ("rna_type", "name"))
+
+
+def test_activity_of_the_capture_colours_the_anchors(bpy: Any, tmp_path: Path) -> None:
+    """Left half of every frame persistent, right half static; the depth hides the farther half of the anchors."""
+    capture = tmp_path / "capture"
+    (capture / "truth" / "activity").mkdir(parents=True)
+    (capture / "capture.json").write_text(json.dumps({"format": "aa4d-capture"}))
+    tensors, information = make_model(80, 3, stage="coarse")
+    tensors["anchors.position"][:, 2] = np.where(np.arange(80) < 40, 0.8, -3.0)
+    information["capture"] = "capture"
+    labels = np.zeros((180, 320), np.uint8)
+    labels[:, :160] = 2
+    for frame in information["frames"]:
+        frame["viewmat"] = [[1, 0, 0, -30], [0, -1, 0, -20], [0, 0, -1, 60], [0, 0, 0, 1]]  # from straight above
+        Image.fromarray(labels).save(capture / "truth" / "activity" / f"{frame['name']}.png")
+        np.savez(capture / "truth" / f"{frame['name']}.npz", depth_z=np.full((180, 320), 60, np.float32))
+    obj = imported(bpy, write_model(tmp_path / "model.safetensors", tensors, information), carrier="GAUSSIANS")
+    assert bpy.ops.aa4d.label_activity() == {"FINISHED"}
+    found = attribute(obj.data, "aa_activity")
+    x = 12 * tensors["anchors.position"][:, 0] + 30 - 30
+    depth = 60 - (12 * tensors["anchors.position"][:, 2] + 4)
+    column = 260 * x / depth + 166.5
+    expected = np.where(depth > 61, -1, np.where(column < 160, 2, 0))
+    np.testing.assert_array_equal(found, np.repeat(expected, 3))
+    assert set(expected) == {-1, 0, 2}
+    shutil.rmtree(capture / "truth")
+    with pytest.raises(RuntimeError, match="holds no activity labels"):
+        bpy.ops.aa4d.label_activity()
+    shutil.rmtree(capture)
+    with pytest.raises(RuntimeError, match="is not beside it"):
+        bpy.ops.aa4d.label_activity()
