@@ -14,7 +14,7 @@
 namespace aa4d {
 namespace {
 
-// One value for each pixel of a tile, in the kernels' order: quarter by quarter, block by block.
+// One value for each pixel of a tile, in the kernels' order: block by block.
 struct alignas(64) Plane {
   float pixel[kTilePixels];
 };
@@ -26,9 +26,7 @@ struct alignas(64) Row {
 
 // The part of a plane that holds pixels [x, x + kBlockSize) of row y; x is a multiple of kBlockSize.
 constexpr int place_in_plane(int x, int y) {
-  const int quarter = y / kQuarterSize * 2 + x / kQuarterSize;
-  const int block = y % kQuarterSize / kBlockSize * (kQuarterSize / kBlockSize) + x % kQuarterSize / kBlockSize;
-  return (quarter * kQuarterBlocks + block) * kBlockPixels + y % kBlockSize * kBlockSize;
+  return (y / kBlockSize * kRowBlocks + x / kBlockSize) * kBlockPixels + y % kBlockSize * kBlockSize;
 }
 
 void read_row(const float* plane, int y, Row& row) {
@@ -95,7 +93,6 @@ void draw_tile(const Scene& scene, const Settings& settings, Frame& frame, std::
   work.features = features[0].pixel;
   kernels().forward_tile(work);
 
-  for (int i = 0; i < kTilePixels; ++i) transmittance[i] = std::fabs(transmittance[i]);
   for (int y = 0; y < window.height; ++y) {
     const std::size_t first = window.place(frame, y);
     Row left, values[3], sum;
@@ -233,13 +230,15 @@ FramePtr render(const Scene& scene, const CameraModel& camera, const Settings& s
   frame->boxes.resize_discarding(scene.count);
   frame->depth_keys.resize_discarding(scene.count);
   frame->slots.resize_discarding(scene.count);
+  frame->touched.resize(std::max(frame->touched.size(), frame->chunks()));
   std::atomic<bool> finite = true;
   parallel_for(settings.threads, frame->chunks(), [&](std::size_t chunk) {
     const ProjectionRange range = chunk_range(scene, *frame, settings, chunk);
     if (!kernels().project(range, *frame, radii)) finite = false;
+    find_tiles(*frame, range.begin, range.end, radii);
   });
   if (!finite && !settings.mask_invalid) return nullptr;
-  sort_into_tiles(*frame, radii, settings.threads);
+  sort_into_tiles(*frame, settings.threads);
 
   const std::size_t tiles = frame->tiles();
   frame->transmittance.resize_discarding(tiles * kTilePixels);
