@@ -104,7 +104,7 @@ void deal_to_tiles(Frame& frame, int threads) {
       const std::uint32_t g = static_cast<std::uint32_t>(frame.order[i]);
       const SlotRange slots = frame.slots[g];
       for (std::uint32_t slot = slots.begin; slot < slots.end; ++slot) {
-        frame.entries[place[frame.slot_tiles[slot]]++] = {g, slot, 0};
+        frame.entries[place[frame.slot_tiles[slot]]++] = {g, slot};
       }
     }
   });

@@ -41,7 +41,7 @@ class BackwardBatch {
       for (int i = 0; i < kTileBlocks; i += Float::kWidth) {
         open |= static_cast<std::uint64_t>(bits(above(block_end_ + i, place))) << i;
       }
-      const std::uint64_t blocks = list_.entries[place].blocks & open;
+      const std::uint64_t blocks = list_.blocks[place] & open;
       for (int i = 0; i < kTileBlocks; i += 16) {
         items += append_lanes(static_cast<std::uint32_t>(blocks >> i) & 0xffff, i, blocks_ + items);
       }

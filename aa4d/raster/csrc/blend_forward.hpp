@@ -33,10 +33,10 @@ class ForwardBatch {
     for (int e = 0; e < taken; ++e) {
       const std::uint32_t place = first + e;
       if (place + kPrefetch < list.count) prefetch(list, place + kPrefetch);
-      TileEntry& entry = list.entries[place];
       views_[e].look(list, place);
-      entry.blocks = blocks_[e] = reached_blocks(list.splats[entry.gaussian], list.x, list.y) & alive;
-      reached_ |= entry.blocks;
+      const std::uint64_t blocks = reached_blocks(list.splats[views_[e].gaussian], list.x, list.y) & alive;
+      list.blocks[place] = blocks_[e] = blocks;
+      reached_ |= blocks;
     }
     words_ = (taken + 15) / 16 * 16;
     for (int e = taken; e < words_; ++e) blocks_[e] = 0;
@@ -56,7 +56,7 @@ class ForwardBatch {
   const SplatView& view(std::uint32_t e) const { return views_[e]; }
 
  private:
-  static constexpr int kSplats = 256;
+  static constexpr int kSplats = 512;
   static constexpr std::uint32_t kPrefetch = 24;  // entries ahead: a tile's list points all over the splats
 
   static void prefetch(const TileList& list, std::uint32_t place) {

@@ -44,8 +44,7 @@ static_assert(sizeof(SplatGradient) == 64);
 // A Gaussian in the depth-ordered list of a tile.
 struct TileEntry {
   std::uint32_t gaussian;
-  std::uint32_t slot;    // the place of this pair's gradient
-  std::uint64_t blocks;  // one bit for each block that it may add to; the forward pass finds them
+  std::uint32_t slot;  // the place of this pair's gradient
 };
 inline constexpr std::size_t kMaxGaussians = std::size_t{1} << 28;
 
@@ -66,6 +65,7 @@ struct Frame {
   Buffer<SlotRange> slots;            // [N]
   Buffer<std::uint32_t> tile_begin;   // [tiles + 1]
   Buffer<TileEntry> entries;          // [slots], tile by tile, near to far
+  Buffer<std::uint64_t> blocks;       // [slots] of each entry, one bit for each block of its tile that it may add to
   // [tiles * 1024], block by block:
   Buffer<float> transmittance;        // behind the last contribution
   Buffer<std::int32_t> pixel_end;     // one past the place in the tile's list of the last contribution

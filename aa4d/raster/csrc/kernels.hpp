@@ -10,7 +10,8 @@ namespace aa4d {
 
 struct TileList {
   const Splat* splats;
-  TileEntry* entries;        // near to far
+  const TileEntry* entries;  // near to far
+  std::uint64_t* blocks;     // of each entry; the forward pass finds them
   std::uint32_t count;
   int x, y;  // the tile's first pixel
   const float* features;     // [N, F] or null
