@@ -12,7 +12,7 @@ namespace aa4d {
 namespace {
 
 constexpr std::size_t kMaxSlots = std::size_t{1} << 31;  // slots are counted in 32 bits
-constexpr std::size_t kSortChunk = 16384;                // Gaussians that one task sorts or deals at a time
+constexpr std::size_t kSortChunk = 8192;                 // Gaussians that one task sorts or deals at a time
 constexpr int kPrefetch = 16;
 
 std::size_t chunks_of(std::size_t count) { return (count + kSortChunk - 1) / kSortChunk; }
