@@ -10,6 +10,7 @@ inline constexpr double kMinQuaternionNorm = 1e-12;  // a shorter quaternion tur
 inline constexpr double kMinCompensation = 0.005;  // of the antialiased mode
 
 inline constexpr int kMaxFeatures = 32;
+inline constexpr int kMaxSide = 1 << 20;  // px; tiles are counted in 16 bits along each side
 
 // A tile is what one thread draws at a time; a Gaussian adds to some of its blocks.
 inline constexpr int kTileSize = 32;    // px
@@ -20,6 +21,6 @@ inline constexpr int kTileBlocks = kRowBlocks * kRowBlocks;  // one bit each in 
 inline constexpr int kTilePixels = kTileSize * kTileSize;
 inline constexpr int kGroupSize = 4;   // tiles
 inline constexpr int kGroupTiles = 16;  // one AVX-512 register tests a group of tiles
-static_assert(kTileBlocks == 64 && kRowBlocks == 8);
+static_assert(kTileBlocks == 64 && kRowBlocks == 8 && kMaxSide / kTileSize < 1 << 16);
 
 }  // namespace aa4d

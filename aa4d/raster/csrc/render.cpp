@@ -299,7 +299,7 @@ std::uint64_t count_pairs(const Settings& settings, Frame& frame) {
   for (std::size_t tile = 0; tile < static_cast<std::size_t>(frame.tiles()); ++tile) {
     BackwardTile work{};
     work.list = list_of(Scene{}, frame, tile);
-      work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
+    work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
     work.pixel_end = frame.pixel_end.data() + tile * kTilePixels;
     pairs += kernels().count_pairs(work);
   }
