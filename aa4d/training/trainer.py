@@ -85,13 +85,8 @@ def train(
         Interrupted: Ctrl-C; the checkpoint and a usable model file of that moment are written.
     """
     chosen = choose_device(device)
-    model_config = ModelConfig(**{"temporal_resolution": temporal_resolution(len(capture.frames)), **(variant or {})})
-    settings = {
-        "capture": str(capture.folder.resolve()),
-        "capture_fingerprint": capture.fingerprint,
-        "training": dataclasses.asdict(config),
-        "model": dataclasses.asdict(model_config),
-    }
+    model_config = model_config_of(capture, variant or {})
+    settings = settings_of(capture, config, model_config)
     check_folder(out, settings)
     # Every image is read here, so that bad input is refused before anything is written.
     run = Run(capture, out, config, model_config, chosen)
@@ -110,6 +105,21 @@ def train(
         finally:
             history.close()
     return run.model_path
+
+
+def model_config_of(capture: Capture, variant: dict[str, Any]) -> ModelConfig:
+    """The model's settings for a capture; `variant` holds what differs from the defaults."""
+    return ModelConfig(**{"temporal_resolution": temporal_resolution(len(capture.frames)), **variant})
+
+
+def settings_of(capture: Capture, config: TrainingConfig, model_config: ModelConfig) -> dict[str, Any]:
+    """What makes a run this one and no other: `config.json`."""
+    return {
+        "capture": str(capture.folder.resolve()),
+        "capture_fingerprint": capture.fingerprint,
+        "training": dataclasses.asdict(config),
+        "model": dataclasses.asdict(model_config),
+    }
 
 
 class Run:
