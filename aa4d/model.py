@@ -11,7 +11,7 @@ from aa4d.anchors.canonical import EMBEDDINGS, AnchorRows, Anchors
 from aa4d.anchors.decoding import AnchorState, Decoder
 from aa4d.field.aggregation import make_aggregation
 from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
-from aa4d.field.mlp import TwoLayer
+from aa4d.field.mlp import TwoLayer, evaluate_together
 from aa4d.field.planes import FeaturePlanes
 from aa4d.field.warping import CoordinateWarp
 from aa4d.raster.types import Camera, Gaussians
@@ -72,15 +72,16 @@ class AdaAnchor4D(nn.Module):
     def deformed(self, a: AnchorRows, t: float) -> AnchorState:
         """A_i(t) for one t in [0, 1] (paper, sections 4.2 to 4.4)."""
         u = self.warp(self.field.normalise(a.position))
-        h = self.aggregation(self.field(u, t), a.embedding_acfa, t)
+        h = self.aggregation(self.field, u, a.embedding_acfa, t)
         z = torch.relu(self.encoder(h))
+        shift, feature_change = evaluate_together((self.head_position, self.head_feature), z)
         offset, log_scale = a.offset, a.log_scale
         if a.embedding_offset is not None and a.embedding_scale is not None:
             offset = offset + self.dlgd_offset(a.embedding_offset, t)
             log_scale = log_scale + self.dlgd_scale(a.embedding_scale, t)
         return AnchorState(
-            position=a.position + self.head_position(z),
-            feature=a.feature + self.head_feature(z),
+            position=a.position + shift,
+            feature=a.feature + feature_change,
             offset=offset,
             scale=log_scale.exp(),
         )

@@ -20,9 +20,10 @@ from aa4d.capture.frame import ModelFrame, frame_of
 from aa4d.capture.reader import Capture, read_images
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
-from aa4d.evaluation.image_metrics import StructuralSimilarity, psnr
+from aa4d.evaluation.image_metrics import psnr
 from aa4d.field.planes import regularisation
 from aa4d.field.warping import density_adaptive_boundaries
+from aa4d.kernels.similarity import structural_similarity
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
 from aa4d.raster.types import Camera
@@ -257,7 +258,7 @@ class Run:
     def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> Tensor:
         weights, rendering = self.config.loss, rendered.rendering
         l1 = (rendering.color - target).abs().mean()
-        dssim = 1 - StructuralSimilarity(target)(rendering.color)
+        dssim = 1 - structural_similarity(rendering.color, target)
         loss = (1 - weights.dssim) * l1 + weights.dssim * dssim
         drawn = (rendering.radii > 0).float()
         volume = (rendered.gaussians.scales.prod(1) * drawn).sum() / drawn.sum().clamp_min(1)
