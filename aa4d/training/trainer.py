@@ -213,7 +213,7 @@ class Run:
                     f"stopped at {state.stage} iteration {state.iteration} of {total}; {self.out} is usable as it is, "
                     "and the same command continues from there"
                 )
-            if state.iteration % self.config.checkpoint_every == 0:
+            if state.iteration % self.config.checkpoint_every == 0 and state.iteration < total:
                 self._save_checkpoint(state, history)
 
     def step(self, state: TrainingState, watch: Watch | None = None) -> tuple[float, float]:
