@@ -287,8 +287,10 @@ class Run:
         save_checkpoint(self.checkpoint_path, state)
 
     def _save(self, state: TrainingState, history: History) -> None:
-        self._save_checkpoint(state, history)
+        """The model first: where the checkpoint says that training is over, the model file is the final one."""
+        check_finite(state.optimiser, "a parameter")
         self._save_model(state, self.model_path)
+        self._save_checkpoint(state, history)
 
     def _save_checkpoint(self, state: TrainingState, history: History) -> None:
         """Only ever over the last one with finite values: it is what a diverged run goes back to."""
