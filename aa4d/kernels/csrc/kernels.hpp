@@ -46,7 +46,7 @@ struct NetworkGradient {
 };
 
 inline constexpr int kPad = 16;       // floats, a register of the widest instruction set
-inline constexpr int kRowBlock = 64;  // rows that pass through a network together; a multiple of kTileRows
+inline constexpr int kRowBlock = 128;  // rows that pass through a network together; a multiple of kTileRows
 inline constexpr int kTileRows = 8;   // rows are padded to this
 
 constexpr int padded(int width) { return (width + kPad - 1) / kPad * kPad; }
