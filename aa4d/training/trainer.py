@@ -20,11 +20,11 @@ from aa4d.anchors.densification import Growth, Statistics, grow, transparent
 from aa4d.capture.frame import ModelFrame, frame_of
 from aa4d.capture.reader import Capture, read_images
 from aa4d.errors import InputError, Interrupted
-from aa4d.evaluation.image_metrics import psnr
+from aa4d.evaluation.image_metrics import decibels
 from aa4d.field.planes import regularisation
 from aa4d.field.warping import density_adaptive_boundaries
 from aa4d.files import make_folder, read_json_object, write_json
-from aa4d.kernels.similarity import structural_similarity
+from aa4d.kernels.image_loss import image_loss
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
 from aa4d.raster.types import Camera
@@ -185,7 +185,7 @@ class Run:
         except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
             self._refuse_not_finite(state, f"what it draws ({error})")
         target = view.target()
-        loss = self._loss(model, state.stage, rendered, target)
+        loss, squared_error = self._loss(model, state.stage, rendered, target)
         if not math.isfinite(loss.item()):
             self._refuse_not_finite(state, "its loss")
         optimiser.zero_grad(set_to_none=True)
@@ -193,7 +193,7 @@ class Run:
         optimiser.step()
         with torch.no_grad():
             self._densify(state, rendered)
-        return loss.item(), psnr(rendered.rendering.color.detach(), target)
+        return loss.item(), decibels(squared_error.item())
 
     def _view(self, stage: str, iteration: int) -> View:
         """Every view once an epoch, in an order drawn from (seed, stage, epoch)."""
@@ -201,19 +201,19 @@ class Run:
         order = np.random.default_rng([self.config.seed, STAGES.index(stage), epoch]).permutation(len(self.views))
         return self.views[order[position]]
 
-    def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> Tensor:
+    def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> tuple[Tensor, Tensor]:
+        """The loss, and the squared error of the image."""
         weights, rendering = self.config.loss, rendered.rendering
-        l1 = (rendering.color - target).abs().mean()
-        dssim = 1 - structural_similarity(rendering.color, target)
-        loss = (1 - weights.dssim) * l1 + weights.dssim * dssim
+        loss, squared_error = image_loss(rendering.color, target, weights.dssim)
         drawn = (rendering.radii > 0).float()
-        volume = (rendered.gaussians.scales.prod(1) * drawn).sum() / drawn.sum().clamp_min(1)
+        x, y, z = rendered.gaussians.scales.unbind(1)  # the gradient of prod() takes ten times as long
+        volume = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
         loss = loss + weights.volume * volume
         if stage == "fine":
             loss = loss + regularisation(
                 model.field, weights.plane_smoothness, weights.time_smoothness, weights.time_constancy
             )
-        return loss
+        return loss, squared_error
 
     def _densify(self, state: TrainingState, rendered: Rendered) -> None:
         d = self.config.densification
