@@ -10,25 +10,14 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from safetensors import safe_open
 
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.model import ModelConfig
 from aa4d.model_file import load_model
-from aa4d.training.config import PRESETS, Decay, Densification, LearningRates, TrainingConfig
-from aa4d.training.trainer import Run, train
+from aa4d.training.trainer import train
 from tests.toy_capture import write_toy_capture
-
-SHORT = TrainingConfig(
-    preset="test",
-    coarse_iterations=30,
-    fine_iterations=40,
-    voxel_px=1.5,
-    rates=PRESETS["quick"].rates,
-    densification=Densification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
-)
+from tests.training.short_run import SHORT
 
 
 def silent(*_: object) -> None:
@@ -122,17 +111,6 @@ def test_densification_changes_the_number_of_anchors(toy_capture: Path, tmp_path
     assert len(counts) > 1
 
 
-def test_the_fine_stage_starts_where_the_coarse_stage_ended(toy_capture: Path, tmp_path: Path) -> None:
-    torch.manual_seed(0)
-    run = Run(read_capture(toy_capture), tmp_path, SHORT, ModelConfig())
-    state = run.initial_state()
-    with torch.no_grad():
-        rows = state.model.anchors.rows()
-        canonical, deformed = state.model.canonical(rows), state.model.deformed(rows, 0.4)
-    for name in ("position", "feature", "offset", "scale"):
-        assert torch.equal(getattr(canonical, name), getattr(deformed, name)), name
-
-
 def test_another_run_in_the_folder_is_refused(toy_capture: Path, tmp_path: Path) -> None:
     capture = read_capture(toy_capture)
     train(capture, tmp_path / "run", SHORT, silent)
@@ -170,13 +148,3 @@ def test_a_damaged_checkpoint_is_refused(toy_capture: Path, tmp_path: Path) -> N
     checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
     with pytest.raises(InputError, match="cannot continue from this checkpoint"):
         train(capture, tmp_path / "run", SHORT, silent)
-
-
-def test_divergence_names_the_parameter_group_and_keeps_the_last_good_checkpoint(
-    toy_capture: Path, tmp_path: Path
-) -> None:
-    rates = replace(LearningRates(), planes=Decay(1e39, 1e39))
-    with pytest.raises(InputError, match=r"NaN or infinity in .* at fine iteration .*'planes'"):
-        train(read_capture(toy_capture), tmp_path / "run", replace(SHORT, rates=rates), silent)
-    with safe_open(str(tmp_path / "run/checkpoint.safetensors"), framework="pt") as file:
-        assert all(torch.isfinite(file.get_tensor(name)).all() for name in file.keys())  # noqa: SIM118, not a dict
