@@ -17,7 +17,7 @@ from torch import Tensor
 
 from aa4d import __version__
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Capture
+from aa4d.capture.reader import Capture, Frame, PinholeCamera, check_frames, frame_of_index, number_of, pinhole_camera
 from aa4d.errors import InputError
 from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.field.warping import CoordinateWarp
@@ -39,6 +39,9 @@ class LoadedModel:
     training_seconds: float
     capture_fingerprint: str | None
     capture_folder: Path | None
+    fps: float
+    camera: PinholeCamera
+    frames: tuple[Frame, ...]
 
 
 def file_name_of(parameter: str) -> str:
@@ -134,6 +137,9 @@ def load_model(path: Path) -> LoadedModel:
             training_seconds=float(header["training"]["seconds"]),
             capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
+            fps=number_of(header, "fps", path),
+            camera=pinhole_camera(header, path),
+            frames=_frames(header["frames"], path),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: the header is damaged ({error!r}); copy or train it again") from None
@@ -212,6 +218,12 @@ def _frame(value: Any) -> ModelFrame:
     if not (frame.unit_m > 0 and np.array_equal(frame.matrix(), value)):
         raise ValueError("model_to_world is not a uniform scale and a translation")
     return frame
+
+
+def _frames(value: Any, path: Path) -> tuple[Frame, ...]:
+    frames = tuple(frame_of_index(frame, number, path) for number, frame in enumerate(value))
+    check_frames(frames, path)
+    return frames
 
 
 def _background(value: Any) -> tuple[float, float, float]:
