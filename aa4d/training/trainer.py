@@ -20,10 +20,10 @@ from aa4d.capture.frame import ModelFrame, frame_of
 from aa4d.capture.reader import Capture, read_images
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
-from aa4d.evaluation.image_metrics import psnr
+from aa4d.evaluation.image_metrics import decibels
 from aa4d.field.planes import regularisation
 from aa4d.field.warping import density_adaptive_boundaries
-from aa4d.kernels.similarity import structural_similarity
+from aa4d.kernels.image_loss import image_loss
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
 from aa4d.raster.types import Camera
@@ -227,7 +227,7 @@ class Run:
         set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1))
         rendered = self._render(state, view)
         target = view.target()
-        loss = self._loss(model, state.stage, rendered, target)
+        loss, squared_error = self._loss(model, state.stage, rendered, target)
         value = loss.item()
         if not math.isfinite(value):
             raise NotFinite("the loss")
@@ -241,7 +241,7 @@ class Run:
         with torch.no_grad():
             seed = (self.config.seed, STAGES.index(state.stage))
             densify(state, self.config.densification, rendered, self.voxel, seed)
-        return value, psnr(rendered.rendering.color.detach(), target)
+        return value, decibels(squared_error.item())
 
     def _render(self, state: TrainingState, view: View) -> Rendered:
         try:
@@ -255,19 +255,19 @@ class Run:
         order = np.random.default_rng([self.config.seed, STAGES.index(stage), epoch]).permutation(len(self.views))
         return self.views[order[position]]
 
-    def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> Tensor:
+    def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> tuple[Tensor, Tensor]:
+        """The loss, and the squared error of the image."""
         weights, rendering = self.config.loss, rendered.rendering
-        l1 = (rendering.color - target).abs().mean()
-        dssim = 1 - structural_similarity(rendering.color, target)
-        loss = (1 - weights.dssim) * l1 + weights.dssim * dssim
+        loss, squared_error = image_loss(rendering.color, target, weights.dssim)
         drawn = (rendering.radii > 0).float()
-        volume = (rendered.gaussians.scales.prod(1) * drawn).sum() / drawn.sum().clamp_min(1)
+        x, y, z = rendered.gaussians.scales.unbind(1)  # the gradient of prod() takes ten times as long
+        volume = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
         loss = loss + weights.volume * volume
         if stage == "fine":
             loss = loss + regularisation(
                 model.field, weights.plane_smoothness, weights.time_smoothness, weights.time_constancy
             )
-        return loss
+        return loss, squared_error
 
     def _enter_fine(self, state: TrainingState) -> None:
         """Build DACW and the field's box from the anchors of the coarse stage, and start a new optimiser."""

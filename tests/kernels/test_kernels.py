@@ -13,10 +13,12 @@ import torch
 from torch import Tensor
 
 from aa4d.kernels import _native
+from aa4d.kernels.image_loss import _image_loss, image_loss
+from aa4d.kernels.local_gaussians import _local_gaussians, local_gaussians
 from aa4d.kernels.plane_lookup import _look_up, look_up
 from aa4d.kernels.plane_penalty import _plane_penalty, plane_penalty
-from aa4d.kernels.similarity import _structural_similarity, structural_similarity
 from aa4d.kernels.two_layer import _two_layer, two_layer
+from aa4d.raster.types import Gaussians
 
 Function = Callable[[Sequence[Tensor]], Sequence[Tensor]]
 
@@ -172,31 +174,74 @@ def test_a_network_lets_nan_through() -> None:
     assert y.isnan().any(dim=1).nonzero()[:, 0].tolist() == [66]
 
 
+@pytest.mark.parametrize("dssim", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize("size", [(1, 1), (5, 7), (30, 41), (64, 64)])
-def test_similarity_agrees_with_its_twin(size: tuple[int, int]) -> None:
+def test_the_image_loss_agrees_with_its_twin(size: tuple[int, int], dssim: float) -> None:
     torch.manual_seed(3)
     target = torch.rand(*size, 3)
     image = (target + 0.1 * torch.randn(*size, 3)).clamp(0, 1).requires_grad_()
+    _, error = image_loss(image, target, dssim)
+    assert not error.requires_grad
+    assert error.item() == pytest.approx(_image_loss(image.double(), target.double(), dssim)[1].item(), rel=1e-5)
     assert_agree(
-        lambda x: [structural_similarity(x[0], target)],
-        lambda x: [_structural_similarity(x[0], target.double())],
+        lambda x: image_loss(x[0], target, dssim)[:1],
+        lambda x: _image_loss(x[0], target.double(), dssim)[:1],
         [image],
         1e-4,  # variances are differences of nearly equal means of squares
     )
 
 
-def test_equal_and_constant_images_are_similar() -> None:
+def test_equal_and_constant_images_lose_nothing() -> None:
+    for image in (torch.rand(20, 30, 3), torch.full((20, 30, 3), 0.5)):
+        loss, error = image_loss(image.requires_grad_(), image.detach(), 0.2)
+        loss.backward()
+        assert loss.item() == pytest.approx(0, abs=1e-5)
+        assert error.item() == 0
+        assert image.grad is not None
+        assert image.grad.abs().max() < 1e-4
+
+
+def test_the_image_loss_shows_nan() -> None:
     image = torch.rand(20, 30, 3)
-    assert structural_similarity(image, image).item() == pytest.approx(1, abs=1e-6)
-    flat = torch.full((20, 30, 3), 0.5)
-    assert structural_similarity(flat, flat).item() == pytest.approx(1, abs=1e-5)
+    image[3, 4, 1] = torch.nan
+    assert all(value.isnan() for value in image_loss(image, torch.rand(20, 30, 3), 0.2))
+
+
+@pytest.mark.parametrize(("anchors", "offsets"), [(1, 1), (7, 3), (300, 10), (0, 10)])
+def test_local_gaussians_agree_with_their_twin(anchors: int, offsets: int) -> None:
+    torch.manual_seed(4)
+    shapes = ((anchors, 3), (anchors, offsets, 3), (anchors, 6), (anchors, offsets))
+    shapes += ((anchors, 3 * offsets), (anchors, 7 * offsets))
+    inputs = [torch.randn(shape) for shape in shapes]
+    inputs[2] = inputs[2].exp()
+    for raw in inputs[3:]:
+        raw.mul_(10 ** torch.randint(-3, 2, raw.shape).float())  # into saturation, and close to zero
+    if anchors:
+        inputs[3][0, 0] = 0
+    inputs = [x.requires_grad_() for x in inputs]
+
+    def parts(f: Callable[..., Gaussians]) -> Function:
+        return lambda x: [value for value in vars(f(*x)).values() if value is not None]
+
+    assert_agree(parts(local_gaussians), parts(_local_gaussians), inputs)
+
+
+def test_small_opacities_keep_their_bits_and_large_inputs_saturate() -> None:
+    raw = torch.tensor([[1e-7, 1e-3, 0.2499, 0.2501, 1.0, 60.0, -60.0, -1e-3, 3e38]])
+    zeros = [torch.zeros(1, 3), torch.zeros(1, 9, 3), torch.ones(1, 6)]
+    color = raw.repeat(1, 3)
+    gaussians = local_gaussians(*zeros, raw, color, torch.zeros(1, 63))
+    expected = raw.double().tanh().clamp_min(0)[0]
+    torch.testing.assert_close(gaussians.opacities.double(), expected, rtol=3e-7, atol=0)
+    torch.testing.assert_close(gaussians.colors.view(-1), torch.sigmoid(color[0]), rtol=3e-7, atol=1e-30)
 
 
 ALL_KERNELS = """
 import hashlib, sys, torch
 from aa4d.kernels.plane_lookup import look_up
 from aa4d.kernels.plane_penalty import plane_penalty
-from aa4d.kernels.similarity import structural_similarity
+from aa4d.kernels.image_loss import image_loss
+from aa4d.kernels.local_gaussians import local_gaussians
 from aa4d.kernels.two_layer import two_layer
 torch.manual_seed(0)
 planes = [torch.rand(9, 11, 16).requires_grad_() for _ in range(12)]
@@ -204,15 +249,18 @@ x = torch.randn(900, 8).requires_grad_()
 layers = [t.requires_grad_() for t in (torch.randn(24, 9), torch.randn(24), torch.randn(96, 24), torch.randn(96))]
 image, target = torch.rand(33, 50, 3).requires_grad_(), torch.rand(33, 50, 3)
 u = torch.rand(900, 3) * 2 - 1
+parts = [torch.randn(s).requires_grad_() for s in ((900, 3), (900, 4, 3), (900, 6), (900, 4), (900, 12), (900, 28))]
 for threads in (1, 2, 3, 5):
     torch.set_num_threads(threads)
     scores = two_layer(x, [layers], 0.3)[0].view(-1, 6, 16)
     h = look_up(planes, u, 0.3, scores)
     # No sum of torch's own: it splits what it adds by the number of threads.
-    loss = plane_penalty(planes, [1.0] * 12, [1.0] * 12) + structural_similarity(image, target)
+    loss = plane_penalty(planes, [1.0] * 12, [1.0] * 12) + image_loss(image, target, 0.2)[0]
     inputs = [*planes, x, *layers]
     gradients = torch.autograd.grad(h, inputs, torch.cos(torch.arange(h.numel())).view_as(h))
     gradients += torch.autograd.grad(loss, [*planes, image])
+    means = local_gaussians(*parts).means
+    gradients += torch.autograd.grad(means, parts[:3], torch.sin(torch.arange(means.numel())).view_as(means))
     digest = hashlib.sha256(b"".join(v.detach().numpy().tobytes() for v in [h, scores, loss, *gradients]))
     print(digest.hexdigest(), h.double().mean().item())
 """

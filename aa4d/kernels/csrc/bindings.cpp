@@ -10,10 +10,11 @@
 #include <tuple>
 #include <vector>
 
+#include "image_loss.hpp"
 #include "kernels.hpp"
+#include "local_gaussians.hpp"
 #include "plane_lookup.hpp"
 #include "plane_penalty.hpp"
-#include "similarity.hpp"
 #include "two_layer.hpp"
 
 namespace nb = nanobind;
@@ -156,14 +157,67 @@ void networks_backward(const Matrix& x, const std::vector<LayerTensors>& network
   aa4d::networks_backward(layers, time, x.shape(0), x.data(), d_y, pointer(d_x), out, threads);
 }
 
-double structural_similarity(const Array<-1, -1, 3>& image, const Array<-1, -1, 3>& target,
-                             const std::optional<Array<-1, -1, 3>>& gradient, int threads) {
+nb::tuple compare_images(const Array<-1, -1, 3>& image, const Array<-1, -1, 3>& target, float dssim,
+                         const std::optional<Array<-1, -1, 3>>& gradient, int threads) {
   require(image.size() > 0 && image.shape(0) == target.shape(0) && image.shape(1) == target.shape(1) &&
               (!gradient || gradient->size() == image.size()),
           "the images differ in size");
+  aa4d::ImageErrors errors;
+  {
+    const nb::gil_scoped_release release;
+    errors = aa4d::compare_images(size(image, 0), size(image, 1), image.data(), target.data(), dssim, pointer(gradient),
+                                  threads);
+  }
+  return nb::make_tuple(errors.similarity, errors.absolute, errors.squared);
+}
+
+// position, offset, scale, opacity, color, covariance
+using AnchorTensors = std::tuple<Matrix, Texels, Matrix, Matrix, Matrix, Matrix>;
+// means, quaternions, scales, opacities, colors
+using GaussianTensors = std::tuple<Matrix, Matrix, Matrix, Vector, Matrix>;
+
+aa4d::AnchorOutputs make_anchors(const AnchorTensors& tensors) {
+  const auto& [position, offset, scale, opacity, color, covariance] = tensors;
+  const std::size_t n = position.shape(0), K = offset.shape(1);
+  require(K <= aa4d::kMaxOffsets, "more than 64 offsets");
+  require(position.shape(1) == 3 && offset.shape(0) == n && offset.shape(2) == 3 && scale.shape(0) == n &&
+              scale.shape(1) == 6 && opacity.shape(0) == n && opacity.shape(1) == K && color.shape(0) == n &&
+              color.shape(1) == 3 * K && covariance.shape(0) == n && covariance.shape(1) == 7 * K,
+          "the tensors of the anchors do not fit");
+  return {static_cast<int>(K), position.data(), offset.data(), scale.data(),
+          opacity.data(),      color.data(),    covariance.data()};
+}
+
+aa4d::LocalGaussians make_gaussians(const GaussianTensors& tensors, std::size_t count) {
+  const auto& [means, quaternions, scales, opacities, colors] = tensors;
+  require(means.size() == 3 * count && quaternions.size() == 4 * count && scales.size() == 3 * count &&
+              opacities.size() == count && colors.size() == 3 * count,
+          "the tensors of the Gaussians do not fit");
+  return {means.data(), quaternions.data(), scales.data(), opacities.data(), colors.data()};
+}
+
+void local_gaussians(const AnchorTensors& anchors, int threads, const GaussianTensors& gaussians) {
+  const aa4d::AnchorOutputs from = make_anchors(anchors);
+  const std::size_t count = std::get<0>(anchors).shape(0);
+  const aa4d::LocalGaussians to = make_gaussians(gaussians, count * from.offsets);
   const nb::gil_scoped_release release;
-  return aa4d::structural_similarity(size(image, 0), size(image, 1), image.data(), target.data(), pointer(gradient),
-                                     threads);
+  aa4d::make_local_gaussians(from, count, threads, to);
+}
+
+void local_gaussians_backward(const AnchorTensors& anchors, int threads, const Vector& opacities, const Matrix& colors,
+                              const GaussianTensors& gradient, const AnchorTensors& d_anchors) {
+  const aa4d::AnchorOutputs from = make_anchors(anchors);
+  const std::size_t count = std::get<0>(anchors).shape(0), gaussians = count * from.offsets;
+  const aa4d::LocalGaussians d = make_gaussians(gradient, gaussians);
+  require(opacities.size() == gaussians && colors.size() == 3 * gaussians, "the tensors of the Gaussians do not fit");
+  require(make_anchors(d_anchors).offsets == from.offsets && std::get<0>(d_anchors).shape(0) == count,
+          "the gradients of the anchors do not fit");
+  const auto& [position, offset, scale, opacity, color, covariance] = d_anchors;
+  const aa4d::LocalGaussians value = {nullptr, nullptr, nullptr, opacities.data(), colors.data()};
+  const aa4d::AnchorGradient out = {position.data(), offset.data(), scale.data(),
+                                    opacity.data(),  color.data(),  covariance.data()};
+  const nb::gil_scoped_release release;
+  aa4d::make_local_gaussians_backward(from, count, threads, value, d, out);
 }
 
 }  // namespace
@@ -177,6 +231,9 @@ NB_MODULE(_native, m) {
   m.def("networks_forward", &networks_forward, "x"_a, "networks"_a, "time"_a.none(), "threads"_a, "outputs"_a);
   m.def("networks_backward", &networks_backward, "x"_a, "networks"_a, "time"_a.none(), "d_outputs"_a, "threads"_a,
         "d_x"_a.none(), "gradients"_a);
-  m.def("structural_similarity", &structural_similarity, "image"_a, "target"_a, "gradient"_a.none(), "threads"_a);
+  m.def("compare_images", &compare_images, "image"_a, "target"_a, "dssim"_a, "gradient"_a.none(), "threads"_a);
+  m.def("local_gaussians", &local_gaussians, "anchors"_a, "threads"_a, "gaussians"_a);
+  m.def("local_gaussians_backward", &local_gaussians_backward, "anchors"_a, "threads"_a, "opacities"_a, "colors"_a,
+        "gradient"_a, "d_anchors"_a);
   m.def("instruction_set", [] { return aa4d::kernels().name; });
 }

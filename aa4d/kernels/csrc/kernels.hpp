@@ -46,7 +46,7 @@ struct NetworkGradient {
 };
 
 inline constexpr int kPad = 16;       // floats, a register of the widest instruction set
-inline constexpr int kRowBlock = 64;  // rows that pass through a network together; a multiple of kTileRows
+inline constexpr int kRowBlock = 128;  // rows that pass through a network together; a multiple of kTileRows
 inline constexpr int kTileRows = 8;   // rows are padded to this
 
 constexpr int padded(int width) { return (width + kPad - 1) / kPad * kPad; }
@@ -65,8 +65,31 @@ struct SimilarityRows {
   float* filtered;     // [5, height, width]: x, y, x^2, y^2, x y, filtered along rows
   float* derivatives;  // [3, height, width]: d/d(mean of x, of x^2, of x y), filtered along rows; null without gradient
   float* gradient;     // [height, width]
-  float scale;         // of the gradient: 1 / number of values
+  float by_similarity, by_absolute;  // of the gradient: their weights divided by the number of values
 };
+
+// Sums over a row.
+struct RowErrors {
+  double similarity, absolute, squared;
+};
+
+// N anchors as the decoders left them; K = offsets.
+struct AnchorOutputs {
+  int offsets;
+  const float *position, *offset, *scale;      // [N, 3], [N, K, 3], [N, 6]
+  const float *opacity, *color, *covariance;   // [N, K], [N, K, 3], [N, K, 7]: before tanh and sigmoid
+};
+
+struct AnchorGradient {
+  float *position, *offset, *scale, *opacity, *color, *covariance;
+};
+
+// N * K Gaussians.
+struct LocalGaussians {
+  float *means, *quaternions, *scales, *opacities, *colors;
+};
+
+inline constexpr int kMaxOffsets = 64;
 
 struct Kernels {
   const char* name;
@@ -85,8 +108,11 @@ struct Kernels {
   void (*network_backward)(const Network&, const NetworkScratch&, int rows, const float* x, const float* d_y, float* d_x,
                            bool add_to_d_x, const NetworkGradient&);
   void (*filter_row)(const SimilarityRows&, int row, float* padding);
-  double (*compare_row)(const SimilarityRows&, int row, float* padding);
+  RowErrors (*compare_row)(const SimilarityRows&, int row, float* padding);
   void (*differentiate_row)(const SimilarityRows&, int row);
+  void (*make_gaussians)(const AnchorOutputs&, std::size_t begin, std::size_t end, const LocalGaussians&);
+  void (*make_gaussians_backward)(const AnchorOutputs&, std::size_t begin, std::size_t end, const LocalGaussians& value,
+                                  const LocalGaussians& d, const AnchorGradient&);
 };
 
 inline constexpr int kTaps = 11;

@@ -1,4 +1,4 @@
-#include "similarity.hpp"
+#include "image_loss.hpp"
 
 #include <algorithm>
 #include <vector>
@@ -27,21 +27,25 @@ void for_rows(int height, int threads, const Body& body) {
 
 }  // namespace
 
-double structural_similarity(int height, int width, const float* image, const float* target, float* gradient,
-                             int threads) {
+ImageErrors compare_images(int height, int width, const float* image, const float* target, float dssim, float* gradient,
+                           int threads) {
   const std::size_t map = static_cast<std::size_t>(height) * width * 3;
   Buffer<float> filtered, derivatives;
   filtered.resize_discarding(5 * map);
   if (gradient) derivatives.resize_discarding(3 * map);
   const SimilarityRows rows = {3 * width, height, image, target, filtered.data(), gradient ? derivatives.data() : nullptr,
-                               gradient, 1.0f / static_cast<float>(map)};
-  std::vector<double> sums(height);
+                               gradient, -dssim / static_cast<float>(map), (1 - dssim) / static_cast<float>(map)};
+  std::vector<RowErrors> sums(height);
   for_rows(height, threads, [&](int row) { kernels().filter_row(rows, row, padding_for(rows.width)); });
   for_rows(height, threads, [&](int row) { sums[row] = kernels().compare_row(rows, row, padding_for(rows.width)); });
   if (gradient) for_rows(height, threads, [&](int row) { kernels().differentiate_row(rows, row); });
-  double total = 0;
-  for (const double sum : sums) total += sum;
-  return total / static_cast<double>(map);
+  ImageErrors mean = {};
+  for (const RowErrors& sum : sums) {
+    mean.similarity += sum.similarity / static_cast<double>(map);
+    mean.absolute += sum.absolute / static_cast<double>(map);
+    mean.squared += sum.squared / static_cast<double>(map);
+  }
+  return mean;
 }
 
 }  // namespace aa4d

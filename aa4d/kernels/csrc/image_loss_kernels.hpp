@@ -1,4 +1,4 @@
-// SSIM, row by row. Pixels are interleaved (r g b r g b ...), so a horizontal neighbour is three floats away and every
+// SSIM, absolute and squared error, row by row. Pixels are interleaved (r g b r g b ...), so a horizontal neighbour is three floats away and every
 // filter runs over whole registers of one row.
 #pragma once
 
@@ -65,7 +65,8 @@ inline void filter_row(const SimilarityRows& s, int row, float* padding) {
 }
 
 template <bool kWhole>
-inline void compare_lanes(const SimilarityRows& s, int row, int x, int lanes, float* const (&out)[3], Vector& total) {
+inline void compare_lanes(const SimilarityRows& s, int row, int x, int lanes, float* const (&out)[3],
+                          Vector (&totals)[3]) {
   const std::size_t map = static_cast<std::size_t>(s.width) * s.height;
   Vector f[5];
   for (int i = 0; i < 5; ++i) f[i] = filter_down<kWhole>(s, s.filtered + i * map, row, x, lanes);
@@ -73,10 +74,15 @@ inline void compare_lanes(const SimilarityRows& s, int row, int x, int lanes, fl
   const Vector a = 2.0f * both + kLuminance, b = squares + kLuminance;
   const Vector c = 2.0f * (f[4] - both) + kContrast, d = (f[2] + f[3]) - squares + kContrast;
   const Vector inverse = 1.0f / (b * d), value = a * c * inverse;
-  if constexpr (kWhole) {
-    total += value;
-  } else {
-    for (int i = 0; i < lanes; ++i) total[i] += value[i];
+  const std::size_t place = static_cast<std::size_t>(row) * s.width + x;
+  const Vector error = load<kWhole>(s.image + place, lanes) - load<kWhole>(s.target + place, lanes);
+  const Vector terms[3] = {value, error < 0.0f ? -error : error, error * error};
+  for (int k = 0; k < 3; ++k) {
+    if constexpr (kWhole) {
+      totals[k] += terms[k];
+    } else {
+      for (int i = 0; i < lanes; ++i) totals[k][i] += terms[k][i];
+    }
   }
   if (s.derivatives == nullptr) return;
   // value = a c / (b d); of the filtered maps, a depends on mean_x, b on it too, c on mean_x and mean_xy, d on mean_x
@@ -88,21 +94,21 @@ inline void compare_lanes(const SimilarityRows& s, int row, int x, int lanes, fl
   store<kWhole>(out[2] + x, 2.0f * by_c, lanes);
 }
 
-inline double compare_row(const SimilarityRows& s, int row, float* padding) {
+inline RowErrors compare_row(const SimilarityRows& s, int row, float* padding) {
   float* out[3];
   for (int i = 0; i < 3; ++i) {
     out[i] = margin_row(padding, s.width, i);
     clear_margins(out[i], s.width);
   }
-  Vector total = {};
+  Vector totals[3] = {};
   int x = 0;
-  for (; x + kWidth <= s.width; x += kWidth) compare_lanes<true>(s, row, x, kWidth, out, total);
-  if (x < s.width) compare_lanes<false>(s, row, x, s.width - x, out, total);
+  for (; x + kWidth <= s.width; x += kWidth) compare_lanes<true>(s, row, x, kWidth, out, totals);
+  if (x < s.width) compare_lanes<false>(s, row, x, s.width - x, out, totals);
   if (s.derivatives != nullptr) {
     const std::size_t first = static_cast<std::size_t>(row) * s.width, map = static_cast<std::size_t>(s.width) * s.height;
     for (int i = 0; i < 3; ++i) filter_along(out[i], s.width, s.derivatives + i * map + first);
   }
-  return sum(total);
+  return {sum(totals[0]), sum(totals[1]), sum(totals[2])};
 }
 
 template <bool kWhole>
@@ -111,7 +117,9 @@ inline void differentiate_lanes(const SimilarityRows& s, int row, int x, int lan
   Vector d[3];
   for (int i = 0; i < 3; ++i) d[i] = filter_down<kWhole>(s, s.derivatives + i * map, row, x, lanes);
   const Vector image = load<kWhole>(s.image + place, lanes), target = load<kWhole>(s.target + place, lanes);
-  store<kWhole>(s.gradient + place, s.scale * (d[0] + 2.0f * image * d[1] + target * d[2]), lanes);
+  const Vector up = splat(s.by_absolute);
+  const Vector absolute = image > target ? up : (image < target ? -up : Vector{});
+  store<kWhole>(s.gradient + place, s.by_similarity * (d[0] + 2.0f * image * d[1] + target * d[2]) + absolute, lanes);
 }
 
 inline void differentiate_row(const SimilarityRows& s, int row) {
