@@ -63,14 +63,14 @@ def test_what_a_training_step_computes_mixes_no_devices(
         set_rates(state.optimiser, 0.5)
         view = run.views[0]
         rendered = run._render(state, view)
-        loss = run._loss(state.model, stage, rendered, view.target())
+        loss, squared_error = run._loss(state.model, stage, rendered, view.target())
         loss.backward()
         state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering)
         u = state.model.field.normalise(state.model.anchors.position)
         assert density_adaptive_boundaries(u, 64, 1.5, 1.0, 0.2, 0.8).device == OTHER
         assert isinstance(state.statistics, Statistics)
         assert {v.device for v in vars(state.statistics).values()} == {OTHER}
-        assert loss.device == rendered.rendering.color.device == OTHER
+        assert loss.device == squared_error.device == rendered.rendering.color.device == OTHER
         for group in state.optimiser.param_groups:
             for parameter in group["params"]:
                 assert parameter.device == OTHER
