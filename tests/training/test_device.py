@@ -60,7 +60,7 @@ def test_what_a_training_step_computes_mixes_no_devices(
         set_rates(state.optimiser, 0.5)
         view = run.views[0]
         rendered = run._render(state, view)
-        loss = run._loss(state.model, stage, rendered, view.target())
+        loss, _ = run._loss(state.model, stage, rendered, view.target())
         loss.backward()
         state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering)
         u = state.model.field.normalise(state.model.anchors.position)
