@@ -13,6 +13,7 @@ from aa4d.commands.bench import bench
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
 from aa4d.commands.export import export
+from aa4d.commands.inspect import inspect
 from aa4d.commands.render import render
 from aa4d.commands.synth import synth
 from aa4d.commands.train import train
@@ -31,6 +32,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "synth": synth,
     "train": train,
     "eval": evaluate,
+    "inspect": inspect,
     "render": render,
     "export": export,
     "demo": demo,
