@@ -14,6 +14,7 @@ from torch import Tensor
 
 from aa4d.capture.reader import PinholeCamera
 from aa4d.errors import InputError
+from aa4d.field.aggregation import Weighted
 from aa4d.field.planes import PLANES
 from aa4d.filming.camera_path import View
 from aa4d.model import AdaAnchor4D
@@ -54,8 +55,10 @@ def spatiotemporal_share(loaded: LoadedModel, t: float | None) -> Tensor:
 
 def aggregation_weights(model: AdaAnchor4D, t: float) -> Tensor | None:
     """[N, 6] weights over the planes, mean over channels; None where the model's aggregation has none."""
+    if not isinstance(model.aggregation, Weighted):
+        return None
     with torch.no_grad():
-        return model.acfa.weights(model.anchors.rows().embedding_acfa, t).mean(2)
+        return model.aggregation.weights(model.anchors.rows().embedding_acfa, t).mean(2)
 
 
 def displacement_m(loaded: LoadedModel, t: float | None) -> Tensor:
