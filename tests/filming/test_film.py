@@ -12,6 +12,7 @@ from PIL import Image
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.views import render_frame
+from aa4d.field.aggregation import Weighted, make_aggregation
 from aa4d.filming import layers
 from aa4d.filming.camera_path import path_of_frames, with_camera, with_time
 from aa4d.filming.film import film
@@ -120,10 +121,11 @@ def test_what_all_anchors_are_painted_with_is_seen_everywhere(
 
 
 def test_activity_is_the_weight_on_the_planes_with_time(loaded: LoadedModel) -> None:
+    assert isinstance(loaded.model.aggregation, Weighted)
     rows = loaded.model.anchors.rows()
     share = spatiotemporal_share(loaded, 0.5)
     with torch.no_grad():
-        weights = loaded.model.acfa.weights(rows.embedding_acfa, 0.5)
+        weights = loaded.model.aggregation.weights(rows.embedding_acfa, 0.5)
     assert torch.allclose(share, weights[:, 3:].sum(1).mean(1))
     assert not torch.allclose(share, torch.full_like(share, 0.5), atol=1e-4)
 
@@ -138,6 +140,16 @@ def test_motion_is_in_metres_and_nothing_moves_in_the_coarse_stage(toy_run: Path
     assert displacement_m(coarse, None).abs().max() == 0
     with pytest.raises(InputError, match="no aggregation weights"):
         spatiotemporal_share(coarse, None)
+
+
+def test_an_aggregation_without_weights_has_no_activity(toy_run: Path) -> None:
+    rival = load_model(toy_run / "model.safetensors")
+    rival.model.aggregation = make_aggregation("product", 32, 256, 16)
+    with pytest.raises(InputError, match="no aggregation weights"):
+        draw(rival, path_of_frames(rival, "all").views[3], rival.camera, ["activity"])
+    assert np.isfinite(
+        draw(rival, path_of_frames(rival, "all").views[3], rival.camera, ["motion"]).values["motion"]
+    ).any()
 
 
 def test_colour_scales_hold_what_is_seen() -> None:

@@ -37,15 +37,17 @@ def run(toy_run: Path, tmp_path: Path) -> Path:
 
 def test_dynamic_anchors_lie_where_the_square_slides(loaded: LoadedModel) -> None:
     """The toy square covers -7.5 < x < 7.5 within 1.5 m of the line y = 1 over the clip."""
+    for parameter in loaded.model.head_position.output.parameters():
+        torch.nn.init.zeros_(parameter)  # anchors stay where they are
     groups = groups_by_truth(loaded, read_capture(loaded.capture_folder or Path()))
     assert groups is not None
     world = loaded.model.anchors.position.numpy() * loaded.frame.unit_m + loaded.frame.origin_m
     beside = np.abs(world[:, 1] - 1) - 1.5
-    assert groups.dynamic.sum() >= 3
+    assert groups.dynamic.any()
     assert groups.static.sum() > 20
     assert not (groups.static & groups.dynamic).any()
-    # A little play for the model's own motion, and for the height that it may have given an anchor.
-    assert beside[groups.dynamic].max() < 1.0
+    # A little play for pixels.
+    assert beside[groups.dynamic].max() < 0.5
     deep_inside = (beside < -1.0) & (np.abs(world[:, 0]) < 5)
     assert not groups.static[deep_inside].any()
     assert groups.static[(beside > 2) & (np.abs(world) < 6).all(1)].all()
@@ -77,11 +79,11 @@ def test_without_truth_the_models_own_motion_decides(loaded: LoadedModel, toy_ca
 
 def test_weights_are_shares_and_the_planes_with_time_are_told_apart(loaded: LoadedModel) -> None:
     groups = groups_by_motion(loaded)
-    bias = loaded.model.get_parameter("acfa.output.bias")
+    bias = loaded.model.get_parameter("aggregation.predictor.output.bias")
     channels = len(bias) // len(PLANES)
     with torch.no_grad():
         for name, parameter in loaded.model.named_parameters():
-            if name.startswith("acfa."):
+            if name.startswith("aggregation."):
                 parameter.zero_()
     uniform = weights_over_time(loaded, groups)
     assert uniform is not None
@@ -112,6 +114,7 @@ def test_the_stretch_is_the_slope_of_the_warp(loaded: LoadedModel) -> None:
 
 
 def test_the_page_holds_everything_itself(run: Path) -> None:
+    (run / "history.csv").unlink()
     page = inspect(run, None, run / "inspect", silent)
     html = page.read_text()
     sources = re.findall(r'(?:src|href)="([^"]*)"', html)
