@@ -12,7 +12,7 @@ from aa4d.capture.reader import Capture, depth_of, moving_mask
 from aa4d.filming.layers import displacement_m
 from aa4d.model_file import LoadedModel
 
-DYNAMIC_SHARE = 0.25  # of the frames that see an anchor: on a moving pixel in so many, it is dynamic
+DYNAMIC_SHARE = 0.2  # of the frames that see an anchor: on a moving pixel in so many, it is dynamic
 BEHIND_M = 1.0  # farther behind the depth of its pixel, an anchor is hidden
 # Where there is no truth, by how far the model itself moves an anchor:
 MOST_MOVED, LEAST_MOVED = 0.05, 0.5
@@ -52,7 +52,7 @@ def groups_by_truth(loaded: LoadedModel, capture: Capture) -> MotionGroups | Non
     return MotionGroups(
         static=(seen > 0) & (moving == 0),
         dynamic=(seen > 0) & (moving >= DYNAMIC_SHARE * seen),
-        rule="by the truth of the capture: a dynamic anchor lies on a moving pixel in at least a quarter of the frames "
+        rule="by the truth of the capture: a dynamic anchor lies on a moving pixel in at least a fifth of the frames "
         "that see it, a static one in none",
     )
 
