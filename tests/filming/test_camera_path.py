@@ -182,7 +182,8 @@ def test_bad_paths_are_refused(loaded: LoadedModel, tmp_path: Path, changes: dic
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ((None, 0, None, None, None), "--frames 0"),
+        ((None, 0, None, None, None), "0 views: must be at least 1"),
+        ((None, 10**8, None, None, None), "100000000 views: must be at least 1 and at most 100000"),
         ((None, None, -1.0, None, None), "--fps -1"),
         ((None, None, math.nan, None, None), "--fps nan"),
         ((None, 3, 3.0, None, None), "give one of them"),
