@@ -17,7 +17,7 @@ Command = Callable[[Sequence[object]], "subprocess.CompletedProcess[str]"]
 
 @pytest.fixture(scope="session")
 def tiny_scene() -> Path:
-    return Path(__file__).with_name("tiny.toml")
+    return ROOT / "scenes" / "tiny.toml"
 
 
 @pytest.fixture(scope="session")

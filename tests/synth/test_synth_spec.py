@@ -29,7 +29,7 @@ def refusal(table: dict[str, Any]) -> str:
 
 
 def test_shipped_scenes_are_valid() -> None:
-    for path in sorted((ROOT / "scenes").glob("*.toml")):
+    for path in sorted((ROOT / "scenes").rglob("*.toml")):
         assert read_scene(path).name == path.stem
 
 
