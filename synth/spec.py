@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from synth.checking import check, key
+from synth.effects import choose
 from synth.errors import InputError
+from synth.export import FORMATS
+from synth.truth import ALWAYS, PASSES
 
 Arm = Literal["east", "north", "west", "south"]
 Kind = Literal["hatchback", "saloon", "suv", "van"]
@@ -120,7 +123,8 @@ class Render:
 class Truth:
     """Which passes of ground truth are written: names of the registry in `synth/truth/`."""
 
-    passes: tuple[str, ...] = ("depth_z", "instance_id")
+    passes: tuple[str, ...] = key("names of passes", default=ALWAYS)
+    cell_m: float = key("side of the ground cells of the pass `activity`", unit="metres", range=(0.1, 100), default=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +148,7 @@ class Scene:
     light: Light = Light()
     render: Render = Render()
     truth: Truth = Truth()
+    exports: tuple[str, ...] = key("annotation formats to write besides", default=())
     effects: dict[str, Any] = field(default_factory=dict)
 
 
@@ -181,10 +186,13 @@ def _check_across(scene: Scene, source: str) -> None:
     for index, block in enumerate(scene.blocks):
         if block.floors[0] > block.floors[1]:
             raise InputError(f"{source}: blocks[{index}].floors: {list(block.floors)} must be [fewest, most].")
-    for name in scene.effects:  # until the registry answers
-        raise InputError(f"{source}: effects.{name}: unknown effect.")
-    for name in set(scene.truth.passes) - {"depth_z", "instance_id"}:
-        raise InputError(f"{source}: truth.passes: unknown pass {name!r}.")
+    choose(scene.effects, source)
+    for name in scene.truth.passes:
+        if name not in PASSES:
+            raise InputError(f"{source}: truth.passes: unknown pass {name!r}; there are: {', '.join(PASSES)}.")
+    for name in scene.exports:
+        if name not in FORMATS:
+            raise InputError(f"{source}: exports: unknown format {name!r}; there are: {', '.join(FORMATS)}.")
     if scene.signal is not None:
         for key in ("east_west_green_s", "north_south_green_s"):
             for start, end in getattr(scene.signal, key):

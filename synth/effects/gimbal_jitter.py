@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    wander_deg: float = key("root mean square of the slow part on each axis", unit="degrees", range=(0, 10), default=0.1)
+    wander_deg: float = key(
+        "root mean square of the slow part on each axis", unit="degrees", range=(0, 10), default=0.1
+    )
     wander_hz: tuple[float, float] = key("band of the slow part", unit="1/s", range=(0, 10), default=(0.1, 2.0))
     vibration_deg: float = key("root mean square of the fast part", unit="degrees", range=(0, 5), default=0.01)
     vibration_hz: tuple[float, float] = key("band of the fast part", unit="1/s", range=(1, 500), default=(20.0, 80.0))
