@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from synth.lens import pixel_rays
 from synth.plan import Frame, Plan
 
 
@@ -28,8 +29,7 @@ class Shot:
         """Length of the ray to what each pixel shows [H, W]; infinite in the sky."""
         depth = self.read_depth().astype(np.float64)
         height, width = depth.shape
-        x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        return depth * np.asarray(np.linalg.norm(self.plan.lens.rays(np.stack([x, y], axis=-1)), axis=-1))
+        return depth * np.asarray(np.linalg.norm(pixel_rays(self.plan.lens, (width, height)), axis=-1))
 
 
 def develop(

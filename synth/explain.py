@@ -17,8 +17,7 @@ def explain(plan: Plan) -> str:
     flown = float(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum())
     moving = np.stack([plan.cast.moving(frame.time_s) for frame in plan.frames])
     lines = [
-        f"{scene.name}: {len(plan.frames)} frames of {camera.width_px}x{camera.height_px} at {scene.time.fps:g} fps, "
-        f"{plan.frames[-1].time_s:.2f} s",
+        f"{scene.name}: {len(plan.frames)} frames of {camera.width_px}x{camera.height_px} at {scene.time.fps:g} fps",
         f"  flight   {scene.flight.kind}, {flown:.1f} m from z {poses[0, 2, 3]:.1f} m to {poses[-1, 2, 3]:.1f} m",
         f"  traffic  {moving.shape[1]} instances, {int(moving.any(axis=0).sum())} of them move",
         f"  render   {scene.render.samples} samples, {'denoised' if scene.render.denoise else 'not denoised'}",

@@ -1,6 +1,7 @@
 """Where a ray meets the picture. The pinhole; `effects/lens_distortion.py` has the other one."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ class Lens(Protocol):
     """A camera without its pose. Its pictures are made from a pinhole's that is wider by `margin_px` on each side."""
 
     @property
-    def K(self) -> Array: ...
+    def K(self) -> Array: ...  # noqa: N802
 
     @property
     def margin_px(self) -> tuple[int, int]: ...
@@ -28,7 +29,7 @@ class Lens(Protocol):
         """`model`, `K` and its parameters, as in capture.json."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pinhole:
     """No distortion."""
 
@@ -45,3 +46,12 @@ class Pinhole:
 
     def document(self) -> dict[str, Any]:
         return {"model": "PINHOLE", "K": self.K.tolist()}
+
+
+@lru_cache(maxsize=2)
+def pixel_rays(lens: Lens, size: tuple[int, int]) -> Array:
+    """Points at depth 1 [H, W, 3] that the centres of the pixels of a picture of `size` (width, height) see."""
+    x, y = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+    rays = lens.rays(np.stack([x, y], axis=-1))
+    rays.setflags(write=False)  # shared by all who ask
+    return rays

@@ -46,6 +46,6 @@ class Staging:
     def place(self, time_s: float) -> None:
         """Bring what `build` made to an instant."""
 
-    def brightness(self, points: Array, time_s: float) -> Array | None:
+    def brightness(self, points: Array, time_s: float) -> Array | None:  # noqa: ARG002
         """Relative light [...] at world points [..., 3], where the effect changes it over time without motion."""
         return None

@@ -45,7 +45,8 @@ def film_in_workers(
     Raises:
         WorkerError: after the others have finished their frame.
     """
-    waiting, running, ended = list(pieces), [], 0
+    waiting, ended = list(pieces), 0
+    running: list[subprocess.Popen[str]] = []
     said: queue.Queue[tuple[subprocess.Popen[str], str | None]] = queue.Queue()
     failure: WorkerError | None = None
 

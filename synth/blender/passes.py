@@ -67,7 +67,7 @@ def needs_normals(plan: Plan) -> bool:
 
 
 def truth(passes: dict[str, NDArray[np.float32]], plan: Plan, frame: Frame) -> dict[str, NDArray[Any]]:
-    """What truth/NNNNNN.npz holds: planar depth, +inf where nothing is hit, instance ids, and what else is asked for."""
+    """What truth/NNNNNN.npz holds: planar depth, +inf where nothing is hit, instance ids, and what is asked for."""
     asked = plan.scene.truth.passes
     depth = passes["Depth.Z"] if "Depth.Z" in passes else passes["Depth.V"]
     found: dict[str, NDArray[Any]] = {

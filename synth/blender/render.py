@@ -49,14 +49,18 @@ def make_renderer(scene: Any, plan: Plan, scratch: Path) -> Renderer:
     """Settings for the picture in `scene`, for the truth in a second scene linked to its objects."""
     across, down = plan.lens.margin_px
     size = (plan.scene.camera.width_px + 2 * across, plan.scene.camera.height_px + 2 * down)
+    subdivision = 1
     if across:
+        from synth.effects import lens_distortion
+
+        subdivision = lens_distortion.SUBDIVISION
         scene.camera.data.lens = float(scene.camera.data.sensor_width * plan.K[0, 0] / size[0])
     scene.name = "picture"
     truth = bpy.data.scenes.new("truth")
     truth.collection.children.link(_shared_collection(scene))
     truth.camera, truth.world = scene.camera, scene.world
-    for each in (scene, truth):
-        _common(each, size)
+    _common(scene, size)
+    _common(truth, (subdivision * size[0], subdivision * size[1]))
     _picture(scene, plan.scene.render)
     if not plan.shutter.instant:
         _blur(scene, plan.shutter, plan.scene.time.fps)

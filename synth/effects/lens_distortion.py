@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from synth.checking import key
 from synth.errors import InputError
-from synth.lens import Lens
+from synth.lens import Lens, pixel_rays
 
 STAGE = "lens"
 COST = "the share by which the pinhole picture is wider, and a resampling"
 TRUTH = "intrinsics, depth, ids, normals and flow follow; depth is corrected to the new ray on the surface's plane"
 
 Array = NDArray[np.float64]
+SUBDIVISION = 3  # the truth is rendered this much finer: its nearest pixel is at most a sixth of a pixel away
 ITERATIONS = 12  # of Newton's method: squares the error each time
 
 
@@ -30,7 +31,7 @@ class Settings:
     p2: float = key("tangential", range=(-0.2, 0.2), default=0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Brown:
     """`K`, the five coefficients, how much wider the pinhole picture is, and the widest radius that is mapped."""
 
@@ -67,7 +68,15 @@ class Brown:
         """Inverse of `distort` by Newton's method."""
         xy = np.array(bent)
         for _ in range(ITERATIONS):
-            xy -= np.linalg.solve(self.jacobian(xy), (self.distort(xy) - bent)[..., None])[..., 0]
+            off = self.distort(xy) - bent
+            ((a, b), (c, d)) = np.moveaxis(self.jacobian(xy), (-2, -1), (0, 1))
+            determinant = a * d - b * c
+            xy -= (
+                np.stack([d * off[..., 0] - b * off[..., 1], a * off[..., 1] - c * off[..., 0]], -1)
+                / determinant[..., None]
+            )
+            if np.abs(off).max() < 1e-14:
+                break
         return xy
 
     def project(self, local: Array) -> Array:
@@ -96,13 +105,9 @@ def lens(settings: Settings, K: Array, size: tuple[int, int]) -> Brown:
     across, down = np.linspace(0, width, 65), np.linspace(0, height, 65)
     uv = np.stack(np.meshgrid(across, down), axis=-1)
     with np.errstate(all="ignore"):
-        try:
-            rays = brown.rays(uv)
-            xy, bent = rays[..., :2], (uv - K[:2, 2]) / np.diag(K)[:2]
-            folded = np.linalg.det(brown.jacobian(xy)).min() <= 0.05 or np.abs(brown.distort(xy) - bent).max() > 1e-9
-        except np.linalg.LinAlgError:
-            folded = True
-    if folded or not np.isfinite(xy).all():
+        xy, bent = brown.rays(uv)[..., :2], (uv - K[:2, 2]) / np.diag(K)[:2]
+        sound = np.linalg.det(brown.jacobian(xy)).min() > 0.05 and np.abs(brown.distort(xy) - bent).max() < 1e-9
+    if not sound:  # NaN is not
         raise InputError("effects.lens_distortion: these coefficients fold the picture over itself; take smaller ones.")
     straight = xy * np.diag(K)[:2] + K[:2, 2]
     beyond = np.maximum(-straight.min(axis=(0, 1)), straight.max(axis=(0, 1)) - [width, height])
@@ -129,14 +134,15 @@ def picture(lens: Lens, wide: NDArray[np.float32], size: tuple[int, int]) -> NDA
 def truth(lens: Lens, wide: dict[str, NDArray[Any]], size: tuple[int, int], rotation: Array) -> dict[str, NDArray[Any]]:
     """Passes through the lens: those of the nearest pinhole pixel; depth moves along its plane to the new ray.
 
-    `wide` holds depth_z, normal (world) and others [H', W', ...]; `rotation` [3, 3] takes world to camera.
+    `wide` holds depth_z, normal (world) and others, `SUBDIVISION` times finer than the wide picture; `rotation` [3, 3]
+    takes world to camera.
     """
-    column, row = np.moveaxis(np.floor(_wide_position(lens, size)).astype(np.int64), -1, 0)
+    column, row = np.moveaxis(np.floor(SUBDIVISION * _wide_position(lens, size)).astype(np.int64), -1, 0)
     found = {name: values[row, column] for name, values in wide.items()}
-    focal, centre = np.diag(lens.K)[:2], lens.K[:2, 2] + lens.margin_px
+    focal, centre = SUBDIVISION * np.diag(lens.K)[:2], SUBDIVISION * (lens.K[:2, 2] + lens.margin_px)
     nearest = (np.stack([column, row], axis=-1) + 0.5 - centre) / focal
     nearest = np.concatenate([nearest, np.ones_like(nearest[..., :1])], axis=-1)
-    wanted = _rays(lens, size)
+    wanted = pixel_rays(lens, size)
     normal = found["normal"].astype(np.float64) @ rotation.T
     facing, facing_wanted = (normal * nearest).sum(axis=-1), (normal * wanted).sum(axis=-1)
     steep = np.abs(facing_wanted) < 0.05  # seen edge-on, the plane says nothing about half a pixel beside it
@@ -145,14 +151,9 @@ def truth(lens: Lens, wide: dict[str, NDArray[Any]], size: tuple[int, int], rota
     return found
 
 
-def _rays(lens: Lens, size: tuple[int, int]) -> Array:
-    x, y = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
-    return lens.rays(np.stack([x, y], axis=-1))
-
-
 def _wide_position(lens: Lens, size: tuple[int, int]) -> Array:
     """Where in the wide picture the pixels of the picture look [H, W, 2]."""
-    return _rays(lens, size)[..., :2] * np.diag(lens.K)[:2] + lens.K[:2, 2] + lens.margin_px
+    return pixel_rays(lens, size)[..., :2] * np.diag(lens.K)[:2] + lens.K[:2, 2] + lens.margin_px
 
 
 def _catmull_rom(t: Array) -> tuple[Array, ...]:

@@ -44,7 +44,7 @@ def visible(instance_id: NDArray[np.uint32], ids: NDArray[np.uint32]) -> tuple[N
     at = np.stack([column, row], axis=1)
     np.minimum.at(low, member, at)
     np.maximum.at(high, member, at)
-    place = np.searchsorted(ids, found)
+    place = np.asarray(np.searchsorted(ids, found))
     known = (place < len(ids)) & (ids[np.minimum(place, len(ids) - 1)] == found)
     counts[place[known]] = number[known]
     box[place[known]] = np.concatenate([low, high + 1], axis=1)[known]

@@ -115,7 +115,8 @@ def _boxes(plan: Plan, folder: Folder) -> dict[str, NDArray[Any]]:
         world = corners(view.object_to_world, size)
         pixels, box = projected(view, world)
         counts, seen = visible(folder.read_truth(frame)["instance_id"], view.instance_id)
-        for name, value in zip(rows, (world, pixels, box, seen, counts), strict=True):
+        found: tuple[NDArray[Any], ...] = (world, pixels, box, seen, counts)
+        for name, value in zip(rows, found, strict=True):
             rows[name].append(value)
     arrays = {name: np.stack(values) for name, values in rows.items()}
     times = np.array([frame.time_s for frame in plan.frames])
@@ -125,7 +126,6 @@ def _boxes(plan: Plan, folder: Folder) -> dict[str, NDArray[Any]]:
 def _activity(plan: Plan, folder: Folder) -> dict[str, Any]:
     """Labels of instances, cells and pixels, and the two indices."""
     times = sample_times(plan.frames[-1].time_s)
-    poses = np.stack([plan.cast.object_to_world(float(t)) for t in times])
     moving = np.stack([plan.cast.moving(float(t)) for t in times])
     present = np.stack([plan.cast.present(float(t)) for t in times])
     lit = np.stack([plan.cast.lit(float(t)) for t in times])
@@ -134,8 +134,10 @@ def _activity(plan: Plan, folder: Folder) -> dict[str, Any]:
     size = np.array([member.dimensions_m for member in plan.cast.members()]).reshape(-1, 3)
 
     grid = _common_grid(plan, folder)
-    active = np.stack([footprints(grid, p, size, m & here) for p, m, here in zip(poses, moving, present, strict=True)])
-    changes = _brightness_changes(plan, grid, times) | footprints(grid, poses[0], size, blinks & ~moving.any(axis=0))
+    active = np.stack([footprints(grid, *_movers(plan, size, float(t))) for t in times])
+    changes = _brightness_changes(plan, grid, times) | footprints(
+        grid, plan.cast.object_to_world(0.0), size, blinks & ~moving.any(axis=0)
+    )
     cells = label_of(active.reshape(len(times), -1), changes.ravel()).reshape(grid.shape)
     seen = np.zeros((len(plan.frames), grid.shape[0] * grid.shape[1]), dtype=bool)
     for frame in plan.frames:
@@ -145,8 +147,7 @@ def _activity(plan: Plan, folder: Folder) -> dict[str, Any]:
         write_bytes(folder.truth_pass("activity", frame), png(labels))
     seen = seen.reshape(-1, *grid.shape)
     ever = np.where(seen.any(axis=0), cells, UNSEEN).astype(np.uint8)
-    at_frames = np.stack([footprints(grid, plan.cast.object_to_world(f.time_s), size,
-                                     plan.cast.moving(f.time_s) & plan.cast.present(f.time_s)) for f in plan.frames])  # fmt: skip
+    at_frames = np.stack([footprints(grid, *_movers(plan, size, f.time_s)) for f in plan.frames])
     on_off = [(m, *run) for m in range(len(size)) for run in intervals(times, moving[:, m] & present[:, m])]
     write_npz(
         folder.root / "truth" / "activity.npz",
@@ -163,6 +164,11 @@ def _activity(plan: Plan, folder: Folder) -> dict[str, Any]:
     watched = active[:, seen.any(axis=0)]
     indices = {"space": heterogeneity_in_space(ever), "time": heterogeneity_in_time(watched)}
     return {"activity": "truth/activity.npz", "heterogeneity": {k: round(v, 6) for k, v in indices.items()}}
+
+
+def _movers(plan: Plan, size: NDArray[np.float64], time_s: float) -> tuple[NDArray[Any], ...]:
+    """Poses, sizes and which members move, as `footprints` takes them."""
+    return plan.cast.object_to_world(time_s), size, plan.cast.moving(time_s) & plan.cast.present(time_s)
 
 
 def _near_surface(plan: Plan, folder: Folder, frame: Frame) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from synth.lens import Lens
+from synth.lens import Lens, pixel_rays
 
 Array = NDArray[np.float64]
 
@@ -23,9 +23,7 @@ class View:
 
     def rays(self) -> Array:
         """Points at depth 1 in camera axes [H, W, 3] that the centres of the pixels see."""
-        width, height = self.size
-        x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        return self.lens.rays(np.stack([x, y], axis=-1))
+        return pixel_rays(self.lens, self.size)
 
     def surface(self, depth_z: NDArray[np.float32]) -> Array:
         """World points [H, W, 3] of the pixels; NaN where nothing is hit."""
