@@ -16,6 +16,8 @@ class Lens(Protocol):
     @property
     def K(self) -> Array: ...  # noqa: N802
 
+    def __hash__(self) -> int: ...
+
     @property
     def margin_px(self) -> tuple[int, int]: ...
 

@@ -1,17 +1,15 @@
 """Instances that effects add to the vehicles, as Blender objects."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import bpy
-import numpy as np
 from mathutils import Matrix
-from numpy.typing import NDArray
 
 from synth.blender.build import mesh_data
 from synth.blender.materials import INSTANCE
 from synth.plan import Plan
+from synth.staging import Extras
 
 
 @dataclass(frozen=True)
@@ -19,15 +17,16 @@ class Extra:
     """The objects of one effect, in the order of its instances."""
 
     objects: tuple[Any, ...]
-    object_to_world: Callable[[float], NDArray[np.float64]]
-    lit: Callable[[float], NDArray[np.bool_]] | None
+    extras: Extras
 
     def place(self, time_s: float) -> None:
-        for thing, pose in zip(self.objects, self.object_to_world(time_s), strict=True):
-            thing.matrix_world = Matrix(pose.tolist())
-        if self.lit is not None:
-            for thing, shines in zip(self.objects, self.lit(time_s), strict=True):
-                thing.color = (*thing.color[:3], float(shines))  # read by the material of the surface "glow"
+        """Bring them to an instant."""
+        scales = self.extras.scales or (1.0,) * len(self.objects)
+        for thing, pose, scale in zip(self.objects, self.extras.object_to_world(time_s), scales, strict=True):
+            thing.matrix_world = Matrix(pose.tolist()) @ Matrix.Diagonal((scale, scale, scale, 1.0))
+        if self.extras.lit is not None:
+            for thing, shines in zip(self.objects, self.extras.lit(time_s), strict=True):
+                thing.color = (*thing.color[:3], float(shines))  # see synth/glow.py
 
 
 def build_extras(plan: Plan, scene: Any) -> tuple[Extra, ...]:
@@ -44,5 +43,5 @@ def build_extras(plan: Plan, scene: Any) -> tuple[Extra, ...]:
             thing[INSTANCE] = float(number)
             scene.collection.objects.link(thing)
             objects.append(thing)
-        built.append(Extra(tuple(objects), extras.object_to_world, extras.lit))
+        built.append(Extra(tuple(objects), extras))
     return tuple(built)

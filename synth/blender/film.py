@@ -4,6 +4,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -18,6 +19,7 @@ from synth.costs import Costs
 from synth.develop import Shot, develop, png
 from synth.files import write_bytes, write_npz
 from synth.plan import Frame, Plan
+from synth.staging import Extras
 
 # Blender keeps the loaded geometry of one scene at a time: going back and forth between the truth and the picture for
 # every frame would load it twice a frame, which takes longer than the truth itself.
@@ -107,3 +109,7 @@ class StageHands:
     def __init__(self, stage: Stage, extras: Sequence[Extra]) -> None:
         self.data, self.scene = bpy.data, stage.scene
         self.extras = extras
+
+    def objects_of(self, extras: Extras) -> tuple[Any, ...]:
+        """The objects that were built for an effect's instances."""
+        return next(extra.objects for extra in self.extras if extra.extras is extras)

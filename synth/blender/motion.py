@@ -10,7 +10,6 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from synth.blender.build import Stage
 from synth.blender.extras import Extra
@@ -30,9 +29,7 @@ def animate(plan: Plan, frame: Frame, stage: Stage, extras: Sequence[Extra]) -> 
     members = np.stack([plan.cast.object_to_world(float(t)) for t in times])  # [T, M, 4, 4]
     for thing, poses in zip(_movers(stage, extras), [camera, *np.swapaxes(members, 0, 1)], strict=True):
         thing.cycles.motion_steps = shutter.steps
-        if (poses == poses[0]).all():
-            thing.matrix_world = Matrix(poses[0].tolist())
-        else:
+        if not (poses == poses[0]).all():
             _key(thing, poses, keys)
 
 
