@@ -88,12 +88,10 @@ def _decode(video: Path, folder: Path, size: tuple[int, int], frames: int, fps: 
     _strips(scene).new_movie("video", str(video), 1, 1, fit_method="ORIGINAL")
     scene.render.image_settings.file_format = "PNG"
     scene.render.image_settings.color_mode = "RGB"
-    for number in range(1, frames + 1):
-        scene.frame_current = number
-        scene.render.filepath = str(folder / f"out{number:06d}.png")
-        _render(scene, animation=False)
+    scene.render.filepath = str(folder / "out######.png")
+    _render(scene)
 
 
-def _render(scene: Any, animation: bool = True) -> None:
+def _render(scene: Any) -> None:
     with interrupt_deferred():
-        bpy.ops.render.render(animation=animation, write_still=not animation, scene=scene.name)
+        bpy.ops.render.render(animation=True, scene=scene.name)
