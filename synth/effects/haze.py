@@ -17,7 +17,9 @@ CONTRAST_AT_VISIBILITY = 0.02  # by definition of the meteorological visibility
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    visibility_m: float = key("distance at which 2 % of the contrast is left", unit="metres", range=(10, 1e6))
+    visibility_m: float = key(
+        "distance at which 2 % of the contrast is left", unit="metres", range=(10, 1e6), default=600.0
+    )
     colour: tuple[float, float, float] = key(
         "light of the air", unit="linear RGB", range=(0, 10), default=(0.60, 0.66, 0.74)
     )

@@ -24,7 +24,7 @@ ITERATIONS = 12  # of Newton's method: squares the error each time
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    k1: float = key("radial, second power", range=(-1, 1), default=0.0)
+    k1: float = key("radial, second power", range=(-1, 1), default=-0.1)
     k2: float = key("radial, fourth power", range=(-1, 1), default=0.0)
     k3: float = key("radial, sixth power", range=(-1, 1), default=0.0)
     p1: float = key("tangential", range=(-0.2, 0.2), default=0.0)

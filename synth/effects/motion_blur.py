@@ -14,7 +14,9 @@ TRUTH = "none: depth, ids and flow stay those of the middle of the exposure"
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    exposure_s: float = key("how long each row is exposed; 0 is a sharp picture", unit="seconds", range=(0, 10))
+    exposure_s: float = key(
+        "how long each row is exposed; 0 is a sharp picture", unit="seconds", range=(0, 10), default=0.008
+    )
     steps: int = key("motion is cut into 2^steps straight pieces", range=(1, 7), default=1)
 
 

@@ -17,7 +17,9 @@ TRUTH = "poses of every row are written; depth, ids and flow stay those of the f
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    readout_s: float = key("from the first row to the last; 0 reads all at once", unit="seconds", range=(0, 10))
+    readout_s: float = key(
+        "from the first row to the last; 0 reads all at once", unit="seconds", range=(0, 10), default=0.01
+    )
     steps: int = key("motion is cut into 2^steps straight pieces", range=(1, 7), default=2)
 
 

@@ -27,5 +27,5 @@ def files(plan: Plan, folder: Folder) -> dict[str, str]:
 
 
 def _occlusion(one: Sighting) -> int:
-    """0 none, 1 up to half of the box, 2 more (VisDrone's grades); the box of a body fills about 0.9 of its corners'."""
+    """0 none, 1 up to half of the box, 2 more (VisDrone's grades). A whole body fills about 0.9 of its corners' box."""
     return 0 if one.shown > 0.75 else 1 if one.shown > 0.5 else 2
