@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -12,10 +13,11 @@ from numpy.typing import NDArray
 from synth import __version__
 from synth.camera import intrinsics
 from synth.city.layout import City, build_city
-from synth.flight import ArcFlight
+from synth.flight import Trajectory
 from synth.seeds import frame_seed
 from synth.spec import Scene
 from synth.traffic.instances import Fleet, build_fleet
+from synth.traffic.tracks import read_tracks
 
 Array = NDArray[np.float64]
 
@@ -42,20 +44,20 @@ class Plan:
     scene: Scene
     K: Array  # [3, 3]
     frames: tuple[Frame, ...]
-    flight: ArcFlight
+    flight: Trajectory
     fleet: Fleet
     city: City
 
 
-def make_plan(scene: Scene) -> Plan:
-    """Resolve a scene.
+def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
+    """Resolve a scene; `folder` is where the files that it names are looked up.
 
     Raises:
         InputError: the traffic collides.
     """
     count, fps = scene.time.frames, scene.time.fps
     duration = (count - 1) / fps
-    flight = ArcFlight(scene.flight, duration)
+    flight = Trajectory(scene.flight, duration)
     frames = tuple(
         Frame(
             rank=k,
@@ -68,7 +70,25 @@ def make_plan(scene: Scene) -> Plan:
         )
         for k in range(count)
     )
-    return Plan(scene, intrinsics(scene.camera), frames, flight, build_fleet(scene, duration), build_city(scene))
+    signals = scene.signal is not None
+    city = build_city(scene.street.ground(signals), scene.blocks, scene.greenery.street_trees, scene.seed)
+    return Plan(scene, intrinsics(scene.camera), frames, flight, make_fleet(scene, duration, folder), city)
+
+
+def make_fleet(scene: Scene, duration_s: float, folder: Path) -> Fleet:
+    """Everybody who drives, walks or stands in a scene, over its clip.
+
+    Raises:
+        InputError: two vehicles overlap, or the scene asks for what the street does not have.
+    """
+    lights = None
+    if scene.signal is not None:
+        lights = {"east_west": scene.signal.east_west_green_s, "north_south": scene.signal.north_south_green_s}
+    tracks = read_tracks(scene.tracks, folder) if scene.tracks else None
+    return build_fleet(
+        scene.street.network(lights is not None), scene.vehicles, scene.flows, scene.traffic, scene.parking,
+        scene.pedestrians, lights, scene.seed, duration_s, tracks,
+    )  # fmt: skip
 
 
 def document(plan: Plan, blender: str) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def run(scene_path: Path, out: Path) -> None:
     """Render what is missing of a capture, and write its index last."""
     scene = read_scene(scene_path)
     try:
-        plan = make_plan(scene)
+        plan = make_plan(scene, scene_path.parent)
     except InputError as error:
         raise InputError(f"{scene_path}: {error}") from None
     if importlib.util.find_spec("bpy") is None:

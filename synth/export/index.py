@@ -49,7 +49,7 @@ def index(plan: Plan, folder: Folder, generator: dict[str, Any]) -> dict[str, An
             {
                 "id": instance.id,
                 "name": instance.name,
-                "class": "van" if instance.kind == "van" else "car",
+                "class": BODIES[instance.kind].label,
                 "dimensions_m": list(BODIES[instance.kind].dimensions_m),
             }
             for instance in plan.fleet.instances
