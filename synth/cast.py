@@ -31,8 +31,8 @@ class Cast:
     extras: tuple[Extras, ...] = ()
 
     def members(self) -> tuple[Member, ...]:
-        found = [
-            (instance.name, "van" if instance.kind == "van" else "car", BODIES[instance.kind].dimensions_m)
+        found: list[tuple[str, str, tuple[float, float, float]]] = [
+            (instance.name, BODIES[instance.kind].label, BODIES[instance.kind].dimensions_m)
             for instance in self.fleet.instances
         ]
         for extra in self.extras:
@@ -52,9 +52,11 @@ class Cast:
         """Which members move [M]."""
         return self.speed_mps(time_s) > MOVING_MPS
 
-    def present(self, time_s: float) -> Mask:  # noqa: ARG002
+    def present(self, time_s: float) -> Mask:
         """Which members are in the scene [M]."""
-        return np.ones(len(self.fleet.instances) + sum(len(e.names) for e in self.extras), dtype=bool)
+        here = [self.fleet.present(time_s)]
+        here += [np.ones(len(e.names), dtype=bool) if e.present is None else e.present(time_s) for e in self.extras]
+        return np.concatenate(here)
 
     def lit(self, time_s: float) -> Mask:
         """Which members shine [M]; those that never do are False."""

@@ -24,13 +24,15 @@ def key(
     range: tuple[float, float] | None = None,  # noqa: A002 - the word of the reference page
     default: Any = REQUIRED,
     kinds: Mapping[str, type] | None = None,
+    why: str = "",
 ) -> Any:
     """A field of a checked dataclass.
 
     `range` bounds the value (or each number in it). `kinds` makes the key a table whose own key `kind` chooses the
-    dataclass that it is checked against.
+    dataclass that it is checked against. `why` is told to whoever leaves the range.
     """
-    return field(default=default, metadata={"meaning": meaning, "unit": unit, "range": range, "kinds": kinds})
+    metadata = {"meaning": meaning, "unit": unit, "range": range, "kinds": kinds, "why": why}
+    return field(default=default, metadata=metadata)
 
 
 def check(cls: type, table: Any, where: str, source: str) -> Any:
@@ -72,7 +74,7 @@ class _Checker:
     def field(self, kind: Any, metadata: Mapping[str, Any], value: Any, where: str) -> Any:
         kinds = metadata.get("kinds")
         if kinds is None:
-            return self.value(kind, value, where, metadata.get("range"))
+            return self.value(kind, value, where, metadata)
         if not isinstance(value, dict):
             raise self.fail(where, f"must be a table of keys, not {describe(value)}")
         if "kind" not in value:
@@ -85,16 +87,17 @@ class _Checker:
             raise InputError(f"{self.source}: {where}.kind: {message}")
         return self.record(kinds[chosen], value, where)
 
-    def value(self, kind: Any, value: Any, where: str, limits: tuple[float, float] | None) -> Any:
+    def value(self, kind: Any, value: Any, where: str, metadata: Mapping[str, Any]) -> Any:
         """One value of the file as the type `kind`."""
         kind = _without_none(kind)
-        wanted = expected(kind, {"range": limits} if limits else {})
+        wanted = expected(kind, metadata)
+        limits = metadata.get("range")
         if dataclasses.is_dataclass(kind):
             return self.record(kind, value, where)  # type: ignore[arg-type]
         if get_origin(kind) is dict:
             return self.tables(value, where)
         if get_origin(kind) is tuple:
-            return self.sequence(kind, value, where, limits)
+            return self.sequence(kind, value, where, metadata)
         if get_origin(kind) is Literal:
             if not isinstance(value, str) or value not in get_args(kind):
                 near = difflib.get_close_matches(str(value), get_args(kind), n=1)
@@ -109,7 +112,8 @@ class _Checker:
         except OverflowError:  # a whole number beyond float64
             finite = False
         if not finite or (limits and not limits[0] <= value <= limits[1]):
-            raise self.fail(where, f"{value} is out of range, it must be {wanted}")
+            why = f" ({metadata['why']})" if metadata.get("why") else ""
+            raise self.fail(where, f"{value} is out of range, it must be {wanted}{why}")
         return float(value) if kind is float else value
 
     def tables(self, value: Any, where: str) -> dict[str, Any]:
@@ -121,15 +125,15 @@ class _Checker:
                 raise self.fail(f"{where}.{name}", f"{describe(table)} must be a table of keys")
         return value
 
-    def sequence(self, kind: Any, value: Any, where: str, limits: tuple[float, float] | None) -> tuple[Any, ...]:
+    def sequence(self, kind: Any, value: Any, where: str, metadata: Mapping[str, Any]) -> tuple[Any, ...]:
         items = get_args(kind)
         if not isinstance(value, list):
             raise self.fail(where, f"{describe(value)} must be {expected(kind, {})}")
         if items[-1] is Ellipsis:
-            return tuple(self.value(items[0], item, f"{where}[{i}]", limits) for i, item in enumerate(value))
+            return tuple(self.value(items[0], item, f"{where}[{i}]", metadata) for i, item in enumerate(value))
         if len(value) != len(items):
             raise self.fail(where, f"a list of {len(value)} must be {expected(kind, {})}")
-        return tuple(self.value(items[i], item, f"{where}[{i}]", limits) for i, item in enumerate(value))
+        return tuple(self.value(items[i], item, f"{where}[{i}]", metadata) for i, item in enumerate(value))
 
 
 def describe(value: Any) -> str:

@@ -25,10 +25,9 @@ from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.files import write_json  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
-from synth.plan import Frame, Plan, make_plan  # noqa: E402
+from synth.plan import Frame, Plan, make_fleet, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import Scene, read_scene  # noqa: E402
-from synth.traffic.instances import build_fleet  # noqa: E402
 
 SAMPLES = (1, 4, 16, 64)
 SEEDS = 3  # renders of one instant, whose spread is the flicker
@@ -45,12 +44,12 @@ def psnr(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 class Studio:
-    """A scene built in Blender in a folder of its own, with a stopwatch."""
+    """A scene built in Blender, with a stopwatch; `home` is where the files that it names are looked up."""
 
-    def __init__(self, scene: Scene, scratch: Path) -> None:
+    def __init__(self, scene: Scene, home: Path, scratch: Path) -> None:
         from synth.blender.film import Filming
 
-        self.plan: Plan = make_plan(scene)
+        self.plan: Plan = make_plan(scene, home)
         self.costs = Costs(None)
         self.folder = Folder(scratch)
         with self.costs.stage("build"):
@@ -81,14 +80,14 @@ def with_render(scene: Scene, samples: int, denoise: bool) -> Scene:
     return replace(scene, render=replace(scene.render, samples=samples, denoise=denoise), effects={})
 
 
-def render_rows(scene: Scene, reference_samples: int, scratch: Path, step: Callable[[], None]) -> list[Row]:
+def render_rows(scene: Scene, home: Path, reference_samples: int, scratch: Path, step: Callable[[], None]) -> list[Row]:
     """Samples and denoising against a picture of many samples."""
-    reference, seconds = Studio(with_render(scene, reference_samples, False), scratch).picture()
+    reference, seconds = Studio(with_render(scene, reference_samples, False), home, scratch).picture()
     step()
     rows: list[Row] = [{"samples": reference_samples, "denoise": False, "seconds": seconds, "reference": True}]
     for denoise in (False, True):
         for samples in SAMPLES:
-            studio = Studio(with_render(scene, samples, denoise), scratch)
+            studio = Studio(with_render(scene, samples, denoise), home, scratch)
             studio.picture()  # loads the geometry
             taken = [studio.picture(seed) for seed in range(1, SEEDS + 1)]
             images = np.stack([image for image, _ in taken]).astype(np.float64)
@@ -101,13 +100,13 @@ def render_rows(scene: Scene, reference_samples: int, scratch: Path, step: Calla
     return rows
 
 
-def blur_rows(scene: Scene, scratch: Path, step: Callable[[], None]) -> list[Row]:
+def blur_rows(scene: Scene, home: Path, scratch: Path, step: Callable[[], None]) -> list[Row]:
     """Straight pieces of motion against many, at the scene's exposure or half a frame."""
     exposure = scene.effects.get("motion_blur", {}).get("exposure_s", 0.5 / scene.time.fps)
 
     def shoot(pieces: int) -> tuple[np.ndarray, float]:
         table = {"motion_blur": {"exposure_s": exposure, "steps": pieces}}
-        studio = Studio(replace(with_render(scene, 64, False), effects=table), scratch)
+        studio = Studio(replace(with_render(scene, 64, False), effects=table), home, scratch)
         studio.picture()
         step()
         return studio.picture()
@@ -120,14 +119,14 @@ def blur_rows(scene: Scene, scratch: Path, step: Callable[[], None]) -> list[Row
     return rows
 
 
-def traffic_rows(scene: Scene, step: Callable[[], None]) -> list[Row]:
+def traffic_rows(scene: Scene, home: Path, step: Callable[[], None]) -> list[Row]:
     """Step sizes of the traffic simulation against a fine one."""
     duration = max((scene.time.frames - 1) / scene.time.fps, 1.0)
     times = np.linspace(0, duration, 51)
 
     def positions(step_s: float) -> tuple[np.ndarray, float]:
         start = time.perf_counter()
-        fleet = build_fleet(replace(scene, traffic=replace(scene.traffic, step_s=step_s)), duration)
+        fleet = make_fleet(replace(scene, traffic=replace(scene.traffic, step_s=step_s)), duration, home)
         seconds = time.perf_counter() - start
         return np.stack([fleet.object_to_world(float(t))[:, :2, 3] for t in times]), seconds
 
@@ -147,12 +146,12 @@ def traffic_rows(scene: Scene, step: Callable[[], None]) -> list[Row]:
     return rows
 
 
-def effect_rows(scene: Scene, scratch: Path, step: Callable[[], None]) -> list[Row]:
+def effect_rows(scene: Scene, home: Path, scratch: Path, step: Callable[[], None]) -> list[Row]:
     """Seconds of one frame with each effect alone, with the scene's settings or the effect's own, and without any."""
     from synth.blender.video import through_video
 
     def shoot(table: dict[str, Any], folder: Path) -> tuple[dict[str, float], Studio]:
-        studio = Studio(replace(scene, effects=table), folder)
+        studio = Studio(replace(scene, effects=table), home, folder)
         frame = studio.frame()
         seconds = {"build": studio.costs.stages["build"]}
         for _ in range(2):  # the first loads the geometry
@@ -183,8 +182,8 @@ def effect_rows(scene: Scene, scratch: Path, step: Callable[[], None]) -> list[R
     return rows
 
 
-def measure(scene: Scene, reference_samples: int) -> dict[str, Any]:
-    """All four tables."""
+def measure(scene: Scene, home: Path, reference_samples: int) -> dict[str, Any]:
+    """All four tables; `home` is where the files that the scene names are looked up."""
     from synth.blender.session import version
 
     total = 1 + 2 * len(SAMPLES) + 1 + len(BLUR_STEPS) + 1 + len(TRAFFIC_STEPS_S) + 1 + len(effects.NAMES)
@@ -197,10 +196,10 @@ def measure(scene: Scene, reference_samples: int) -> dict[str, Any]:
             "blender": version(),
             "processors": os.cpu_count(),
             "load_before": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
-            "render": render_rows(scene, reference_samples, scratch, step),
-            "motion_blur": blur_rows(scene, scratch, step),
-            "traffic": traffic_rows(scene, step),
-            "effects": effect_rows(scene, scratch, step),
+            "render": render_rows(scene, home, reference_samples, scratch, step),
+            "motion_blur": blur_rows(scene, home, scratch, step),
+            "traffic": traffic_rows(scene, home, step),
+            "effects": effect_rows(scene, home, scratch, step),
         }
 
 
@@ -240,7 +239,7 @@ def main(arguments: Sequence[str]) -> int:
         with interrupt_deferred():
             from synth.blender.session import silence
         silence()
-        found = measure(scene, options.reference)
+        found = measure(scene, options.scene.parent, options.reference)
         write_json(options.out / "cost.json", found)
         print(table(found))
         print(options.out / "cost.json")

@@ -5,6 +5,7 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -16,13 +17,14 @@ from synth.cast import Cast
 from synth.city.layout import City, build_city
 from synth.effects import Effect, at, choose
 from synth.errors import InputError
-from synth.flight import ArcFlight
+from synth.flight import Trajectory
 from synth.lens import Lens, Pinhole
 from synth.seeds import frame_seed
 from synth.shutter import Shutter
 from synth.spec import Scene
 from synth.staging import Staging
 from synth.traffic.instances import Fleet, build_fleet
+from synth.traffic.tracks import read_tracks
 
 Array = NDArray[np.float64]
 
@@ -63,8 +65,8 @@ class Plan:
         return at(self.effects, "film")
 
 
-def make_plan(scene: Scene) -> Plan:
-    """Resolve a scene.
+def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
+    """Resolve a scene; `folder` is where the files that it names are looked up.
 
     Raises:
         InputError: the traffic collides, or effects ask for what cannot be.
@@ -72,7 +74,7 @@ def make_plan(scene: Scene) -> Plan:
     count, fps = scene.time.frames, scene.time.fps
     duration = (count - 1) / fps
     effects = choose(scene.effects, "the scene")
-    flight: Any = ArcFlight(scene.flight, duration)
+    flight: Any = Trajectory(scene.flight, duration)
     for effect in at(effects, "pose"):
         flight = effect.module.fly(effect.settings, flight, scene.seed)
     frames = tuple(
@@ -99,10 +101,10 @@ def make_plan(scene: Scene) -> Plan:
             "effects: rolling_shutter and lens_distortion together are not simulated: a bent row has no single pose; "
             "name one of them."
         )
-    fleet = build_fleet(scene, duration)
-    plan = Plan(
-        scene, K, frames, flight, fleet, build_city(scene), effects, lens, shutter, staging=(), cast=Cast(fleet)
-    )
+    signals = scene.signal is not None
+    city = build_city(scene.street.ground(signals), scene.blocks, scene.greenery.street_trees, scene.seed)
+    fleet = make_fleet(scene, duration, folder)
+    plan = Plan(scene, K, frames, flight, fleet, city, effects, lens, shutter, staging=(), cast=Cast(fleet))
     for effect in at(effects, "scene"):
         plan = _staged(plan, effect.module.stage(effect.settings, plan))
     return plan
@@ -113,6 +115,22 @@ def _staged(plan: Plan, staging: Staging) -> Plan:
     extras = staging.extras()
     cast = plan.cast if extras is None else Cast(plan.fleet, (*plan.cast.extras, extras))
     return dataclasses.replace(plan, city=staging.city(plan.city), staging=(*plan.staging, staging), cast=cast)
+
+
+def make_fleet(scene: Scene, duration_s: float, folder: Path) -> Fleet:
+    """Everybody who drives, walks or stands in a scene, over its clip.
+
+    Raises:
+        InputError: two vehicles overlap, or the scene asks for what the street does not have.
+    """
+    lights = None
+    if scene.signal is not None:
+        lights = {"east_west": scene.signal.east_west_green_s, "north_south": scene.signal.north_south_green_s}
+    tracks = read_tracks(scene.tracks, folder) if scene.tracks else None
+    return build_fleet(
+        scene.street.network(lights is not None), scene.vehicles, scene.flows, scene.traffic, scene.parking,
+        scene.pedestrians, lights, scene.seed, duration_s, tracks,
+    )  # fmt: skip
 
 
 def document(plan: Plan, blender: str) -> dict[str, Any]:

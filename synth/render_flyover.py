@@ -90,7 +90,7 @@ def resolve(scene_path: Path) -> Plan:
     """The plan of a scene file."""
     scene = read_scene(scene_path)
     try:
-        return make_plan(scene)
+        return make_plan(scene, scene_path.parent)
     except InputError as error:
         raise InputError(f"{scene_path}: {error}") from None
 

@@ -1,7 +1,8 @@
 """The scene file: TOML checked against frozen dataclasses.
 
-Every field below is a key of the file (see `synth/checking.py`). `read_scene` refuses an unknown key, a wrong type, a
-value out of range and a missing key with the file, the key, and what would be allowed.
+Every field below is a key of the file (see `synth/checking.py`); `docs/scenes.md` is written from them. `read_scene`
+refuses an unknown key, a wrong type, a value out of range and a missing key with the file, the key, and what would be
+allowed.
 """
 
 import tomllib
@@ -9,146 +10,116 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from synth.camera import Camera
 from synth.checking import check, key
+from synth.city.blocks import BLOCKS
 from synth.effects import choose
 from synth.errors import InputError
 from synth.export import FORMATS
+from synth.flight import FLIGHTS, Flight
+from synth.streets import STREETS, UNLIT, Street
+from synth.streets.ground import CORNERS
+from synth.traffic.fleet import BODIES
+from synth.traffic.settings import Flow, Parking, Pedestrians, Signal, Traffic, Vehicle
+from synth.traffic.tracks import TrackTable
 from synth.truth import ALWAYS, PASSES
 
-Arm = Literal["east", "north", "west", "south"]
-Kind = Literal["hatchback", "saloon", "suv", "van"]
-Route = Literal[
-    "east-north", "east-west", "east-south",
-    "north-east", "north-west", "north-south",
-    "west-east", "west-north", "west-south",
-    "south-east", "south-north", "south-west",
-]  # fmt: skip
-Interval = tuple[float, float]
+__all__ = ["Camera", "Flow", "Parking", "Pedestrians", "Scene", "Signal", "Traffic", "Vehicle", "read_scene"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    fps: float = key("", range=(0.1, 1000))
-    frames: int = key("", range=(1, 100_000))
+    """The clip."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Camera:
-    width_px: int = key("", range=(16, 8192))
-    height_px: int = key("", range=(16, 8192))
-    hfov_deg: float = key("", range=(5, 150))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Flight:
-    """An arc at constant altitude and angular rate that looks at `centre_m`."""
-
-    kind: Literal["arc"]
-    centre_m: tuple[float, float, float] = key("", range=(-10_000, 10_000), default=(0.0, 0.0, 0.0))
-    radius_m: float = key("", range=(0, 2000))
-    altitude_m: float = key("", range=(1, 2000))
-    start_deg: float = key("", range=(-3600, 3600))
-    sweep_deg: float = key("", range=(-3600, 3600))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Street:
-    """A crossing of two streets with one lane each way and a parking strip on either side."""
-
-    kind: Literal["crossroads"]
-    arm_m: float = key("", range=(30, 1000), default=80.0)
-    lane_width_m: float = key("", range=(2.5, 5), default=3.2)
-    parking_width_m: float = key("", range=(2, 4), default=2.1)
-    pavement_width_m: float = key("", range=(1.5, 10), default=3.2)
-    corner_radius_m: float = key("", range=(2, 12), default=3.5)
+    fps: float = key("frames per second", unit="1/s", range=(0.1, 1000))
+    frames: int = key("number of frames; the first is at time 0", range=(1, 100_000))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """What stands on one of the four corners."""
+    """What stands in a corner of the scene, one table for each; a corner without a block is lawn."""
 
-    corner: Literal["north-east", "north-west", "south-west", "south-east"]
-    kind: Literal["buildings", "park"]
-    floors: tuple[int, int] = key("", range=(1, 40), default=(2, 4))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Signal:
-    """Green intervals in seconds from the first frame; outside them the lights are red."""
-
-    east_west_green_s: tuple[Interval, ...]
-    north_south_green_s: tuple[Interval, ...]
+    corner: Literal["north-east", "north-west", "south-west", "south-east"] = key("which corner, seen from the origin")
+    kind: str = key("what stands there: " + ", ".join(f"`{name}`" for name in BLOCKS))
+    floors: tuple[int, int] = key("[fewest, most] floors of its buildings", range=(1, 40), default=(2, 4))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Traffic:
-    """Time step of the simulation and the parameters of the intelligent driver model."""
+class Greenery:
+    """Trees along the streets."""
 
-    step_s: float = key("", range=(0.001, 1), default=0.02)
-    acceleration_mps2: float = key("", range=(0.1, 10), default=2.0)
-    deceleration_mps2: float = key("", range=(0.1, 10), default=3.0)
-    headway_s: float = key("", range=(0.1, 10), default=1.0)
-    gap_m: float = key("", range=(0.1, 20), default=1.5)
-    parked_share: float = key("", range=(0, 1), default=0.5)
+    street_trees: float = key("share of the places along the kerbs that have a tree", range=(0, 1), default=0.7)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Vehicle:
-    """One driven vehicle: where its front bumper is at time 0 (0 at the stop line, negative before it)."""
+class Asset:
+    """A model of your own for one kind of road user: it is turned and scaled to the kind's length, and its paint is
+    kept. Blender's importers read it."""
 
-    route: Route
-    position_m: float = key("", range=(-10_000, 10_000))
-    speed_mps: float = key("", range=(0, 60))
-    cruise_mps: float = key("", range=(0.5, 60), default=9.0)
-    kind: Kind = "saloon"
-    colour: tuple[float, float, float] | None = key("", range=(0, 1), default=None)
+    kind: str = key("which kind it stands for: " + ", ".join(f"`{name}`" for name in BODIES))
+    file: str = key("glTF, GLB, FBX or OBJ, relative to the scene file")
+    yaw_deg: float = key("turns it so that it looks along +x", unit="degrees", range=(-360, 360), default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Light:
-    sun_azimuth_deg: float = key("", range=(-360, 360), default=220.0)
-    sun_elevation_deg: float = key("", range=(5, 90), default=50.0)
-    sun_angle_deg: float = key("", range=(0, 20), default=1.5)
-    sun_strength: float = key("", range=(0, 100), default=3.5)
-    sky_strength: float = key("", range=(0, 100), default=0.9)
+    """Sun and sky."""
+
+    sun_azimuth_deg: float = key("direction the sun stands in, counter-clockwise from east", unit="degrees",
+                                 range=(-360, 360), default=220.0)  # fmt: skip
+    sun_elevation_deg: float = key("height of the sun above the horizon", unit="degrees", range=(5, 90), default=50.0)
+    sun_angle_deg: float = key("apparent diameter: greater is softer shadows", unit="degrees", range=(0, 20),
+                               default=1.5)  # fmt: skip
+    sun_strength: float = key("brightness of the sun", unit="W/m²", range=(0, 100), default=3.5)
+    sun_colour: tuple[float, float, float] = key("its colour, linear RGB", range=(0, 1), default=(1.0, 0.95, 0.86))
+    sky_strength: float = key("brightness of the sky", range=(0, 100), default=0.9)
+    sky_colour: tuple[float, float, float] = key("colour of the sky overhead, linear RGB", range=(0, 1),
+                                                 default=(0.22, 0.38, 0.68))  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Render:
-    samples: int = key("", range=(1, 65_536), default=16)
-    denoise: bool = True
+    """What a picture costs."""
+
+    samples: int = key("samples of the picture; the ground truth always takes one, at the pixel's centre",
+                       unit="per pixel", range=(1, 65_536), default=16)  # fmt: skip
+    denoise: bool = key("OpenImageDenoise on every frame", default=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """Which passes of ground truth are written: names of the registry in `synth/truth/`."""
+    """Ground truth."""
 
-    passes: tuple[str, ...] = key("names of passes", default=ALWAYS)
+    passes: tuple[str, ...] = key("which passes are written for every frame", default=ALWAYS)
     cell_m: float = key("side of the ground cells of the pass `activity`", unit="metres", range=(0.1, 100), default=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A whole scene file.
+    """A scene file. The world is right-handed with z up, in metres, its origin in the middle of the street; east is
+    +x, north is +y. Angles of directions run counter-clockwise from east. Traffic keeps to the right."""
 
-    `effects` holds the raw tables `[effects.NAME]`: the registry in `synth/effects/` checks each against the effect's
-    own dataclass with `synth.checking.check`, so that an effect that no scene names is never imported.
-    """
-
-    name: str
-    seed: int = key("", range=(0, 2**31 - 1), default=0)
-    time: Time
-    camera: Camera
-    flight: Flight
-    street: Street
-    blocks: tuple[Block, ...] = ()
-    signal: Signal | None = None
-    traffic: Traffic = Traffic()
-    vehicles: tuple[Vehicle, ...] = ()
-    light: Light = Light()
-    render: Render = Render()
-    truth: Truth = Truth()
-    exports: tuple[str, ...] = key("annotation formats to write besides", default=())
+    name: str = key("the scene's name: letters, digits, `-` `_` `.`")
+    seed: int = key("of everything random: buildings, trees, parked cars, paints, sampling noise",
+                    range=(0, 2**31 - 1), default=0)  # fmt: skip
+    time: Time = key("")
+    camera: Camera = key("")
+    flight: Flight = key("", kinds=FLIGHTS)
+    street: Street = key("", kinds=STREETS)
+    blocks: tuple[Block, ...] = key("", default=())
+    greenery: Greenery = key("", default=Greenery())
+    signal: Signal | None = key("", default=None)
+    traffic: Traffic = key("", default=Traffic())
+    vehicles: tuple[Vehicle, ...] = key("", default=())
+    flows: tuple[Flow, ...] = key("", default=())
+    parking: Parking = key("", default=Parking())
+    pedestrians: Pedestrians = key("", default=Pedestrians())
+    tracks: TrackTable | None = key("", default=None)
+    assets: tuple[Asset, ...] = key("", default=())
+    light: Light = key("", default=Light())
+    render: Render = key("", default=Render())
+    truth: Truth = key("", default=Truth())
+    exports: tuple[str, ...] = key("annotation formats to write besides: `tum`, `mot`, `coco`", default=())
     effects: dict[str, Any] = field(default_factory=dict)
 
 
@@ -179,13 +150,28 @@ def _check_across(scene: Scene, source: str) -> None:
     """What one key alone cannot tell."""
     if not scene.name or not all(c.isalnum() or c in "-_." for c in scene.name):
         raise InputError(f"{source}: name: {scene.name!r} must be letters, digits, '-', '_' or '.'.")
+    problem = scene.flight.problem()
+    if problem:
+        raise InputError(f"{source}: flight.{problem}.")
     corners = [block.corner for block in scene.blocks]
-    for corner in corners:
-        if corners.count(corner) > 1:
-            raise InputError(f"{source}: blocks: the corner {corner!r} is given twice; give each corner once.")
     for index, block in enumerate(scene.blocks):
+        if corners.count(block.corner) > 1:
+            raise InputError(f"{source}: blocks: the corner {block.corner!r} is given twice; give each corner once.")
         if block.floors[0] > block.floors[1]:
             raise InputError(f"{source}: blocks[{index}].floors: {list(block.floors)} must be [fewest, most].")
+        if block.kind not in BLOCKS:
+            raise InputError(f"{source}: blocks[{index}].kind: {block.kind!r} must be one of {', '.join(BLOCKS)}.")
+    assert set(corners) <= set(CORNERS)
+    for index, asset in enumerate(scene.assets):
+        if asset.kind not in BODIES:
+            raise InputError(f"{source}: assets[{index}].kind: {asset.kind!r} must be one of {', '.join(BODIES)}.")
+    if scene.signal is not None:
+        if scene.street.kind in UNLIT:
+            raise InputError(f"{source}: signal: a {scene.street.kind} has no traffic lights; leave the table out.")
+        for name in ("east_west_green_s", "north_south_green_s"):
+            for start, end in getattr(scene.signal, name):
+                if not start < end:
+                    raise InputError(f"{source}: signal.{name}: [{start}, {end}] must be [start, later end].")
     choose(scene.effects, source)
     for name in scene.truth.passes:
         if name not in PASSES:
@@ -193,8 +179,3 @@ def _check_across(scene: Scene, source: str) -> None:
     for name in scene.exports:
         if name not in FORMATS:
             raise InputError(f"{source}: exports: unknown format {name!r}; there are: {', '.join(FORMATS)}.")
-    if scene.signal is not None:
-        for key in ("east_west_green_s", "north_south_green_s"):
-            for start, end in getattr(scene.signal, key):
-                if not start < end:
-                    raise InputError(f"{source}: signal.{key}: [{start}, {end}] must be [start, later end].")

@@ -27,6 +27,7 @@ class Extras:
     object_to_world: Callable[[float], Array]  # [K, 4, 4] rigid
     speed_mps: Callable[[float], Array]  # [K] of their fastest point
     lit: Callable[[float], NDArray[np.bool_]] | None = None  # [K] shining; None: none of them shines
+    present: Callable[[float], NDArray[np.bool_]] | None = None  # [K] in the scene; None: always
     scales: tuple[float, ...] | None = None  # of the meshes; None: all 1
 
 

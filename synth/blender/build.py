@@ -29,8 +29,11 @@ class Stage:
     def place(self, plan: Plan, frame: Frame) -> None:
         """Put the camera and the vehicles where they are at the frame's instant: no keyframes, no interpolation."""
         self.camera.matrix_world = Matrix((invert_rigid(frame.viewmat) @ OPENCV_TO_OPENGL).tolist())
-        for vehicle, pose in zip(self.vehicles, plan.fleet.object_to_world(frame.time_s), strict=True):
+        poses, present = plan.fleet.object_to_world(frame.time_s), plan.fleet.present(frame.time_s)
+        for vehicle, pose, here in zip(self.vehicles, poses, present, strict=True):
             vehicle.matrix_world = Matrix(pose.tolist())
+            if vehicle.hide_render == bool(here):
+                vehicle.hide_render = not here
 
 
 def build_stage(plan: Plan) -> Stage:

@@ -24,6 +24,10 @@ class Extra:
         scales = self.extras.scales or (1.0,) * len(self.objects)
         for thing, pose, scale in zip(self.objects, self.extras.object_to_world(time_s), scales, strict=True):
             thing.matrix_world = Matrix(pose.tolist()) @ Matrix.Diagonal((scale, scale, scale, 1.0))
+        if self.extras.present is not None:
+            for thing, here in zip(self.objects, self.extras.present(time_s), strict=True):
+                if thing.hide_render == bool(here):
+                    thing.hide_render = not here
         if self.extras.lit is not None:
             for thing, shines in zip(self.objects, self.extras.lit(time_s), strict=True):
                 thing.color = (*thing.color[:3], float(shines))  # see synth/glow.py

@@ -18,6 +18,7 @@ TRUTH = "every lamp has an id; activity: on a vehicle that stands, a lamp that s
 
 Array = NDArray[np.float64]
 BRAKE, INDICATOR = (1.0, 0.01, 0.01), (1.0, 0.28, 0.01)  # linear RGB
+LIT = ("car", "van", "bus", "truck")
 STEP_S = 0.1  # at which the drive is looked up
 TURN_RAD, AHEAD_S = 0.25, 2.5  # a change of heading within that time ahead is announced
 BRAKING_MPS2 = 0.4
@@ -51,7 +52,7 @@ class IndicatorLights(Staging):
         size = np.tile([depth, settings.size_m, height], (count, 1))
         names = tuple(f"{self.fleet.instances[lamp.vehicle].name}-{lamp.name}" for lamp in self.lamps)
         self._extras = Extras(names, ("indicator",) * count, size, (mesh,) * count, self.object_to_world,
-                              self.speed_mps, self.lit)  # fmt: skip
+                              self.speed_mps, self.lit, self.present)  # fmt: skip
 
     def _lamps(self) -> list[Lamp]:
         """Those that are lit at some time of the clip."""
@@ -66,6 +67,8 @@ class IndicatorLights(Staging):
         found = []
         for number, instance in enumerate(self.fleet.instances):
             body = BODIES[instance.kind]
+            if body.label not in LIT:
+                continue
             x, y, z = 0.5 * body.length_m + 0.02, 0.36 * body.width_m, 0.42 * body.height_m
             kinds: list[tuple[str, bool, tuple[float, ...], NDArray[np.bool_], tuple[int, ...]]]
             kinds = [("brake", False, (0.0,), braking[:, number], (1, -1))]
@@ -91,6 +94,9 @@ class IndicatorLights(Staging):
 
     def speed_mps(self, time_s: float) -> Array:
         return self.fleet.speed_mps(time_s)[[lamp.vehicle for lamp in self.lamps]]
+
+    def present(self, time_s: float) -> NDArray[np.bool_]:
+        return self.fleet.present(time_s)[[lamp.vehicle for lamp in self.lamps]]
 
     def lit(self, time_s: float) -> NDArray[np.bool_]:
         step = round(time_s / STEP_S)

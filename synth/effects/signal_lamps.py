@@ -1,5 +1,6 @@
 """The lamps of the traffic lights shine: appearance that changes without motion. Each lamp is an instance."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from synth.checking import key
+from synth.city.layout import Placement
 from synth.city.mesh import turn
 from synth.errors import InputError
 from synth.glow import disc_mesh, make_glow
 from synth.staging import Extras, Staging
-from synth.traffic.network import ARMS
-from synth.traffic.signals import is_green
+from synth.traffic.signals import Intervals, is_green
 
 STAGE = "scene"
 COST = "two small meshes for each signal"
@@ -34,37 +35,41 @@ class SignalLamps(Staging):
     def __init__(self, settings: Settings, plan: Any) -> None:
         self.settings, self.signal = settings, plan.scene.signal
         posts = [placement for placement in plan.city.placements if placement.mesh == "signal"]
-        # A post belongs to the arm that it stands along; its lamps face those who come along it.
-        arms = [max(ARMS, key=lambda arm: float(np.dot(ARMS[arm], post.position[:2]))) for post in posts]
-        self.lamps = [(post, arm, colour) for post, arm in zip(posts, arms, strict=True) for colour in COLOURS]
+        self.lamps = [(post, colour) for post in posts for colour in COLOURS]
         self._extras = self._make_extras()
 
     def _make_extras(self) -> Extras:
         disc, count = disc_mesh(self.settings.radius_m), len(self.lamps)
         poses = np.stack([self._pose(*lamp) for lamp in self.lamps]) if count else np.empty((0, 4, 4))
         size = np.tile([0.02, 2 * self.settings.radius_m, 2 * self.settings.radius_m], (count, 1))
-        names = tuple(f"signal-{arm}-{colour}-{k:02d}" for k, (_, arm, colour) in enumerate(self.lamps, start=1))
+        names = tuple(f"signal-{colour}-{k:02d}" for k, (_, colour) in enumerate(self.lamps, start=1))
         stands = np.zeros(count)
         return Extras(
             names, ("signal-lamp",) * count, size, (disc,) * count, lambda _: poses, lambda _: stands, self.lit
         )
 
-    def _pose(self, post: Any, arm: str, colour: str) -> Array:
+    def _pose(self, post: Placement, colour: str) -> Array:
+        """The lamps are where the post looks to: to those who wait at the line."""
         pose = np.eye(4)
-        x, y = ARMS[arm]
-        pose[:3, :3] = turn(float(np.arctan2(y, x)))
-        pose[:3, 3] = np.add(post.position, (FACE_M * x, FACE_M * y, HEIGHTS_M[colour]))
+        pose[:3, :3] = turn(post.angle)
+        pose[:3, 3] = np.array(post.position) + pose[:3, :3] @ [FACE_M, 0.0, HEIGHTS_M[colour]]
         return pose
 
+    def _intervals(self, post: Placement) -> Intervals:
+        """Green times of those who come along the street that the post looks along."""
+        along_x = abs(math.cos(post.angle)) > abs(math.sin(post.angle))
+        intervals: Intervals = self.signal.east_west_green_s if along_x else self.signal.north_south_green_s
+        return intervals
+
     def lit(self, time_s: float) -> NDArray[np.bool_]:
-        return np.array([is_green(self.signal, arm, time_s) == (colour == "green") for _, arm, colour in self.lamps],
-                        dtype=bool)  # fmt: skip
+        shines = [is_green(self._intervals(post), time_s) == (colour == "green") for post, colour in self.lamps]
+        return np.array(shines, dtype=bool)
 
     def extras(self) -> Extras:
         return self._extras
 
     def build(self, stage: Any) -> None:
-        colours = [COLOURS[colour] for _, _, colour in self.lamps]
+        colours = [COLOURS[colour] for _, colour in self.lamps]
         make_glow(stage.data, stage.objects_of(self._extras), colours, self.settings.strength)
 
 

@@ -9,11 +9,11 @@ CLASSES = (
 )  # fmt: skip
 
 _GROUPS = {
-    "road": ("asphalt", "patch", "iron", "marking"),
-    "pavement": ("kerb", "pavement", "court", "gravel"),
-    "vegetation": ("grass", "bark", "leaves"),
-    "building": ("wall", "trim", "window", "shop", "flat-roof", "tiles", "awning"),
-    "furniture": ("metal", "lamp", "bumper", "plate"),
+    "road": ("asphalt", "patch", "worn", "tar", "cycle-lane", "iron", "marking"),
+    "pavement": ("kerb", "pavement", "court", "gravel", "yard", "paving", "concrete"),
+    "vegetation": ("grass", "bark", "leaves", "flowers"),
+    "building": ("wall", "trim", "window", "shop", "flat-roof", "tiles", "awning", "cladding", "far-wall"),
+    "furniture": ("metal", "lamp", "wood"),
 }
 CLASS_OF_SURFACE = {surface: name for name, surfaces in _GROUPS.items() for surface in surfaces}
 
