@@ -278,33 +278,33 @@ from synth.blender.session import silence
 from synth.capture import Folder
 from synth.costs import Costs
 from synth.plan import make_plan
+from synth.shutter import Shutter
 from synth.spec import read_scene
 out = silence()
 scratch = Path(sys.argv[2])
 scene = replace(read_scene(Path(sys.argv[1])), effects={})
-scene = replace(scene, render=replace(scene.render, samples=4))
-def shoot(plan, frame):
-    filming = Filming(plan, Folder(scratch), Costs(None), scratch)
+scene = replace(scene, render=replace(scene.render, samples=48))
+def build(**effects):
+    plan = make_plan(replace(scene, effects=effects))
+    return Filming(plan, Folder(scratch), Costs(None), scratch)
+def shoot(filming, frame):
     filming.place(frame)
-    if not plan.shutter.instant:
-        animate(plan, frame, filming.stage, filming.extras)
+    if not filming.plan.shutter.instant:
+        animate(filming.plan, frame, filming.stage, filming.extras)
     return linear_rgb(filming.renderer.render_picture(7))
-def at(plan, time_s):
-    return replace(plan.frames[2], time_s=time_s, viewmat=plan.flight.viewmat(time_s))
-still = make_plan(scene)
-rolling = make_plan(replace(scene, effects={"rolling_shutter": {"readout_s": 0.1, "steps": 4}}))
-whole = make_plan(replace(scene, effects={"motion_blur": {"exposure_s": 0.5, "steps": 4}}))
-t = still.frames[2].time_s
-rows = [2, 27, 51]
-offsets = rolling.shutter.row_offsets_s(54)
-found = shoot(rolling, rolling.frames[2])
-exact = [np.abs(found[r] - shoot(still, at(still, t + offsets[r]))[r]).mean() for r in rows]
-nominal = [np.abs(found[r] - shoot(still, still.frames[2])[r]).mean() for r in rows]
-blurred = shoot(whole, whole.frames[2])
-mean = np.mean([shoot(still, at(still, t + s)) for s in np.linspace(-0.24, 0.24, 13)], axis=0)
-zero = shoot(make_plan(replace(scene, effects={"motion_blur": {"exposure_s": 0.0}})), still.frames[2])
-same = bool((zero == shoot(still, still.frames[2])).all())
-sharp = shoot(still, still.frames[2])
+still = build()
+frame = still.plan.frames[2]
+def at(offset):
+    time_s = frame.time_s + offset
+    return shoot(still, replace(frame, time_s=time_s, viewmat=still.plan.flight.viewmat(time_s)))
+rows, offsets = [2, 27, 51], Shutter(readout_s=0.1).row_offsets_s(54)
+sharp, shifted = at(0.0), {r: at(offsets[r]) for r in rows}
+mean = np.mean([at(s) for s in (np.arange(25) + 0.5) / 50 - 0.25], axis=0)
+found = shoot(build(rolling_shutter={"readout_s": 0.1, "steps": 4}), frame)
+exact = [np.abs(found[r] - shifted[r][r]).mean() for r in rows]
+nominal = [np.abs(found[r] - sharp[r]).mean() for r in rows]
+blurred = shoot(build(motion_blur={"exposure_s": 0.5, "steps": 4}), frame)
+same = bool((shoot(build(motion_blur={"exposure_s": 0.0}), frame) == sharp).all())
 blur = np.abs(blurred - mean).mean(), np.abs(sharp - mean).mean()
 print("RESULT", *exact, *nominal, *blur, same, file=out, flush=True)
 os._exit(0)
