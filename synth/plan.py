@@ -75,7 +75,7 @@ def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
     return Plan(scene, intrinsics(scene.camera), frames, flight, make_fleet(scene, duration, folder), city)
 
 
-def make_fleet(scene: Scene, duration_s: float, folder: Path) -> Fleet:
+def make_fleet(scene: Scene, duration_s: float, folder: Path = Path()) -> Fleet:
     """Everybody who drives, walks or stands in a scene, over its clip.
 
     Raises:

@@ -8,20 +8,26 @@ import numpy as np
 import pytest
 
 from synth.errors import InputError
-from synth.plan import Plan, make_plan
-from synth.spec import Scene, Signal, Street, Traffic, Vehicle, read_scene
-from synth.traffic.following import ballistic, idm_acceleration
-from synth.traffic.instances import build_fleet, overlapping
-from synth.traffic.network import crossroads, joints
+from synth.plan import Plan, make_fleet, make_plan
+from synth.spec import Flow, Parking, Pedestrians, Scene, Signal, Traffic, Vehicle, read_scene
+from synth.streets import STREETS
+from synth.streets.crossroads import Crossroads
+from synth.traffic.actors import Car
+from synth.traffic.fleet import BODIES
+from synth.traffic.following import ballistic, idm_acceleration, within_gap
+from synth.traffic.instances import Fleet, Instance, Standing, overlapping
+from synth.traffic.network import Network, joints
+from synth.traffic.population import Parked, populate
 from synth.traffic.simulation import Drives, simulate
 
-STREET = Street(kind="crossroads")
-NETWORK = crossroads(STREET)
+ROOT = Path(__file__).resolve().parents[2]
+STREET = Crossroads(arm_m=80.0)
+NETWORK = STREET.network(signals=True)
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return read_scene(Path(__file__).resolve().parents[2] / "scenes" / "crossroads.toml")
+    return read_scene(ROOT / "scenes" / "crossroads.toml")
 
 
 @pytest.fixture(scope="module")
@@ -29,16 +35,24 @@ def plan(scene: Scene) -> Plan:
     return make_plan(scene)
 
 
-def drive(
-    *vehicles: Vehicle, signal: Signal | None = None, traffic: Traffic | None = None, until: float = 20
-) -> Drives:
-    return simulate(NETWORK, vehicles, signal, traffic or Traffic(), until)
+def drive(*vehicles: Vehicle, signal: Signal | None = None, traffic: Traffic | None = None, until: float = 20,
+          network: Network = NETWORK) -> Drives:  # fmt: skip
+    traffic = traffic or Traffic(parked_share=0.0)
+    population = populate(network, vehicles, (), traffic, Parking(), Pedestrians(), 0, until)
+    lights = None
+    if signal is not None:
+        lights = {"east_west": signal.east_west_green_s, "north_south": signal.north_south_green_s}
+    return simulate(network, population.cars, (), lights, traffic, 0.0, until)
 
 
 def test_routes_join_without_gaps_or_kinks() -> None:
+    for kind, street in STREETS.items():
+        for signals in (False, True):
+            network = street().network(signals)
+            assert network.routes, kind
+            for route in network.routes:
+                assert np.abs(joints(network.route_path(route))).max() < 1e-9, (kind, route)
     assert len(NETWORK.routes) == 12
-    for route in NETWORK.routes:
-        assert np.abs(joints(NETWORK.route_path(route))).max() < 1e-9
 
 
 def test_routes_keep_right_and_end_on_their_arm() -> None:
@@ -131,7 +145,7 @@ def test_idm_survives_zero_gap_and_high_closing_speed() -> None:
 
 def test_empty_traffic(scene: Scene) -> None:
     empty = replace(scene, vehicles=(), traffic=Traffic(parked_share=0.0))
-    fleet = build_fleet(empty, 4.0)
+    fleet = make_fleet(empty, 4.0)
     assert fleet.object_to_world(1.0).shape == (0, 4, 4)
     assert fleet.speed_mps(1.0).shape == fleet.moving(1.0).shape == (0,)
 
@@ -139,13 +153,13 @@ def test_empty_traffic(scene: Scene) -> None:
 def test_overlap_is_refused(scene: Scene) -> None:
     same = Vehicle(route="west-east", position_m=-20.0, speed_mps=9)
     with pytest.raises(InputError, match="inside the vehicle ahead"):
-        build_fleet(replace(scene, vehicles=(same, replace(same, position_m=-18.0))), 2.0)
+        make_fleet(replace(scene, vehicles=(same, replace(same, position_m=-18.0))), 2.0)
     across = Vehicle(route="south-north", position_m=12.0, speed_mps=0.5, cruise_mps=0.5)
     through = Vehicle(route="west-east", position_m=0.0, speed_mps=9.0)
     with pytest.raises(InputError, match="overlap at"):
-        build_fleet(replace(scene, vehicles=(across, through), signal=None), 3.0)
+        make_fleet(replace(scene, vehicles=(across, through), signal=None), 3.0)
 
 
 def test_parked_vehicles_do_not_depend_on_the_driven_ones(scene: Scene) -> None:
-    with_traffic, without = build_fleet(scene, 1.0), build_fleet(replace(scene, vehicles=()), 1.0)
-    assert with_traffic.parked == without.parked
+    with_traffic, without = make_fleet(scene, 1.0), make_fleet(replace(scene, vehicles=()), 1.0)
+    assert with_traffic.groups[-1] == without.groups[-1]
