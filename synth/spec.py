@@ -13,13 +13,16 @@ from typing import Any, Literal
 from synth.camera import Camera
 from synth.checking import check, key
 from synth.city.blocks import BLOCKS
+from synth.effects import choose
 from synth.errors import InputError
+from synth.export import FORMATS
 from synth.flight import FLIGHTS, Flight
 from synth.streets import STREETS, UNLIT, Street
 from synth.streets.ground import CORNERS
 from synth.traffic.fleet import BODIES
 from synth.traffic.settings import Flow, Parking, Pedestrians, Signal, Traffic, Vehicle
 from synth.traffic.tracks import TrackTable
+from synth.truth import ALWAYS, PASSES
 
 __all__ = ["Camera", "Flow", "Parking", "Pedestrians", "Scene", "Signal", "Traffic", "Vehicle", "read_scene"]
 
@@ -87,7 +90,8 @@ class Render:
 class Truth:
     """Ground truth."""
 
-    passes: tuple[str, ...] = key("which passes are written for every frame", default=("depth_z", "instance_id"))
+    passes: tuple[str, ...] = key("which passes are written for every frame", default=ALWAYS)
+    cell_m: float = key("side of the ground cells of the pass `activity`", unit="metres", range=(0.1, 100), default=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +119,7 @@ class Scene:
     light: Light = key("", default=Light())
     render: Render = key("", default=Render())
     truth: Truth = key("", default=Truth())
+    exports: tuple[str, ...] = key("annotation formats to write besides: `tum`, `mot`, `coco`", default=())
     effects: dict[str, Any] = field(default_factory=dict)
 
 
@@ -167,7 +172,10 @@ def _check_across(scene: Scene, source: str) -> None:
             for start, end in getattr(scene.signal, name):
                 if not start < end:
                     raise InputError(f"{source}: signal.{name}: [{start}, {end}] must be [start, later end].")
-    for name in scene.effects:  # until the registry answers
-        raise InputError(f"{source}: effects.{name}: unknown effect.")
-    for name in set(scene.truth.passes) - {"depth_z", "instance_id"}:
-        raise InputError(f"{source}: truth.passes: unknown pass {name!r}.")
+    choose(scene.effects, source)
+    for name in scene.truth.passes:
+        if name not in PASSES:
+            raise InputError(f"{source}: truth.passes: unknown pass {name!r}; there are: {', '.join(PASSES)}.")
+    for name in scene.exports:
+        if name not in FORMATS:
+            raise InputError(f"{source}: exports: unknown format {name!r}; there are: {', '.join(FORMATS)}.")

@@ -40,14 +40,14 @@ def build_stage(plan: Plan) -> Stage:
     """Build everything into the current, empty scene."""
     scene = bpy.context.scene
     collection = scene.collection
-    collection.objects.link(bpy.data.objects.new("city", _mesh("city", plan.city.static)))
-    props = {name: _mesh(name, mesh) for name, mesh in plan.city.props.items()}
+    collection.objects.link(bpy.data.objects.new("city", mesh_data("city", plan.city.static)))
+    props = {name: mesh_data(name, mesh) for name, mesh in plan.city.props.items()}
     for index, placement in enumerate(plan.city.placements):
         prop = bpy.data.objects.new(f"{placement.mesh}.{index:03d}", props[placement.mesh])
         prop.location, prop.scale = placement.position, (placement.scale,) * 3
         prop.rotation_euler = (0, 0, placement.angle)
         collection.objects.link(prop)
-    bodies = {kind: _mesh(kind, vehicle_mesh(kind)) for kind in sorted({i.kind for i in plan.fleet.instances})}
+    bodies = {kind: mesh_data(kind, vehicle_mesh(kind)) for kind in sorted({i.kind for i in plan.fleet.instances})}
     vehicles = []
     for instance in plan.fleet.instances:
         vehicle = bpy.data.objects.new(instance.name, bodies[instance.kind])
@@ -59,7 +59,7 @@ def build_stage(plan: Plan) -> Stage:
     return Stage(scene, _camera(scene, plan.scene.camera), tuple(vehicles))
 
 
-def _mesh(name: str, mesh: Mesh) -> Any:
+def mesh_data(name: str, mesh: Mesh) -> Any:
     data = bpy.data.meshes.new(name)
     data.from_pydata(mesh.vertices, [], mesh.faces)
     surfaces = sorted(set(mesh.surfaces))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from synth.city.streets import KERB_HEIGHT_M, MARKING_HEIGHT_M
 
 from synth.camera import OPENCV_TO_OPENGL, invert_rigid, pixel_centres, project, unproject
-from synth.city.streets import KERB_HEIGHT_M, MARKING_HEIGHT_M
 
 Array = NDArray[np.float64]
 
