@@ -89,7 +89,7 @@ class _Checker:
 
     def value(self, kind: Any, value: Any, where: str, metadata: Mapping[str, Any]) -> Any:
         """One value of the file as the type `kind`."""
-        kind = _without_none(kind)
+        kind = without_none(kind)
         wanted = expected(kind, metadata)
         limits = metadata.get("range")
         if dataclasses.is_dataclass(kind):
@@ -144,7 +144,7 @@ def describe(value: Any) -> str:
 
 def expected(kind: Any, metadata: Mapping[str, Any]) -> str:
     """What a key would accept, in words."""
-    kind = _without_none(kind)
+    kind = without_none(kind)
     if metadata.get("kinds") or dataclasses.is_dataclass(kind) or get_origin(kind) is dict:
         return "a table of keys"
     if get_origin(kind) is Literal:
@@ -166,7 +166,7 @@ def expected(kind: Any, metadata: Mapping[str, Any]) -> str:
     return words
 
 
-def _without_none(kind: Any) -> Any:
+def without_none(kind: Any) -> Any:
     if get_origin(kind) in (Union, types.UnionType):
         return next(option for option in get_args(kind) if option is not types.NoneType)
     return kind

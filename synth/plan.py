@@ -117,7 +117,7 @@ def _staged(plan: Plan, staging: Staging) -> Plan:
     return dataclasses.replace(plan, city=staging.city(plan.city), staging=(*plan.staging, staging), cast=cast)
 
 
-def make_fleet(scene: Scene, duration_s: float, folder: Path) -> Fleet:
+def make_fleet(scene: Scene, duration_s: float, folder: Path = Path()) -> Fleet:
     """Everybody who drives, walks or stands in a scene, over its clip.
 
     Raises:

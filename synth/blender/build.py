@@ -16,6 +16,7 @@ from synth.plan import Frame, Plan
 from synth.spec import Camera, Light
 
 CLIP_END_M = 5000.0
+HORIZON = (1.0, 0.98, 0.73)  # mixed into the sky's colour where it meets the ground
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def _camera(scene: Any, camera: Camera) -> Any:
 def _light(scene: Any, light: Light) -> None:
     """A sun lamp, and a sky that pales towards the horizon (the same nodes in every version of Blender)."""
     data = bpy.data.lights.new("sun", "SUN")
-    data.energy, data.angle, data.color = light.sun_strength, math.radians(light.sun_angle_deg), (1.0, 0.95, 0.86)
+    data.energy, data.angle, data.color = light.sun_strength, math.radians(light.sun_angle_deg), light.sun_colour
     sun = bpy.data.objects.new("sun", data)
     # A sun lamp shines along its -z; turned so that it comes from the azimuth (counter-clockwise from east).
     sun.rotation_euler = (0, math.radians(90 - light.sun_elevation_deg), math.radians(light.sun_azimuth_deg))
@@ -103,8 +104,9 @@ def _light(scene: Any, light: Light) -> None:
     background = tree.nodes["Background"]
     background.inputs["Strength"].default_value = light.sky_strength
     ramp = tree.nodes.new("ShaderNodeValToRGB")
-    ramp.color_ramp.elements[0].position, ramp.color_ramp.elements[0].color = 0.0, (0.55, 0.62, 0.70, 1)
-    ramp.color_ramp.elements[1].position, ramp.color_ramp.elements[1].color = 0.6, (0.22, 0.38, 0.68, 1)
+    pale = [0.6 * channel + 0.4 * top for channel, top in zip(light.sky_colour, HORIZON, strict=True)]
+    ramp.color_ramp.elements[0].position, ramp.color_ramp.elements[0].color = 0.0, (*pale, 1)
+    ramp.color_ramp.elements[1].position, ramp.color_ramp.elements[1].color = 0.6, (*light.sky_colour, 1)
     split = tree.nodes.new("ShaderNodeSeparateXYZ")
     tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], split.inputs[0])
     tree.links.new(split.outputs["Z"], ramp.inputs["Fac"])

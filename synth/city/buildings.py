@@ -155,7 +155,7 @@ def office(
                     mesh.box((p - 0.07, q - 0.12, z + band), (p + 0.07, q + 0.12, z + tall), "trim")
     top = ground + floors * tall
     mesh.box((x0, y0, top), (x1, y1, top + 0.25), "wall", frame)
-    _flat_roof(mesh, low, high, top + 0.25, frame, rng)
+    _flat_roof(mesh, low, high, top + 0.27, frame, rng)  # not in the plane of the slab
 
 
 def house(
@@ -185,7 +185,7 @@ def hall(
     (x0, y0), (x1, y1) = low, high
     top = ground + float(rng.uniform(6.5, 9.5))
     mesh.box((x0, y0, ground), (x1, y1, top), "cladding", wall)
-    _flat_roof(mesh, low, high, top, wall, rng)
+    _flat_roof(mesh, low, high, top + 0.02, wall, rng)  # not in the plane of the walls' top
     for x in np.arange(x0 + 4.0, x1 - 5.0, 6.0):
         mesh.box((float(x), y0 + 4.0, top), (float(x) + 1.6, y1 - 4.0, top + 0.45), "window")
         mesh.polygon([(x, y0 - 0.03, ground), (x + 3.6, y0 - 0.03, ground), (x + 3.6, y0 - 0.03, ground + 4.2),

@@ -11,7 +11,7 @@ from synth.traffic.network import Bay, Crossing, Group, Lane, Network
 from synth.traffic.paths import Path, Piece, Point, line, rounded
 
 DIRECTIONS = {"east": 0, "north": 90, "west": 180, "south": 270}
-CROSSING_WIDTH_M = 3.0
+CROSSING_WIDTH_M = 2.6
 CROSSING_SETBACK_M = 0.6  # from the end of the kerb's curve to the zebra crossing
 STOP_SETBACK_M = 1.0  # from the zebra crossing to the stop line
 SIDE_ACCELERATION_MPS2 = 2.6  # what drivers accept in bends: it limits their speed there

@@ -6,12 +6,12 @@ from typing import Literal
 from synth.checking import key
 from synth.streets.arms import DIRECTIONS, Arm, Junction, junction, network
 from synth.streets.ground import Ground, junction_ground, median_island
-from synth.streets.keys import Sizes
+from synth.streets.keys import Corners, CycleLanes, ParkingStrip, Sizes
 from synth.traffic.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arterial(Sizes):
+class Arterial(Corners, CycleLanes, ParkingStrip, Sizes):
     """A street from west to east with several lanes each way and a planted median, crossed by one with a single lane
     each way. Only the narrow one has parking strips."""
 
@@ -31,6 +31,6 @@ class Arterial(Sizes):
 
     def ground(self, signals: bool) -> Ground:
         shape = self._shape(signals)
-        ground = junction_ground(shape, self.corner_radius_m, self.pavement_width_m)
+        ground = junction_ground(shape, self.pavement_width_m)
         medians = tuple(median_island(shape.arms[name], shape.stop_m[name] - 0.5) for name in ("east", "west"))
         return Ground(ground.islands + medians, ground.paint, ground.plots, ground.rows, ground.lights, ground.worn)

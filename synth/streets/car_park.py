@@ -7,7 +7,7 @@ from typing import Literal
 from synth.checking import key
 from synth.streets.arms import Arm, Junction, bend_limit, entries, junction, lane_name, network
 from synth.streets.ground import BEYOND_M, Ground, Island, Paint, arm_paint, arm_rows, junction_ground
-from synth.streets.keys import Sizes
+from synth.streets.keys import Corners, CycleLanes, Sizes
 from synth.traffic.network import Bay, Lane, Network
 from synth.traffic.paths import Path, Point, line, rounded
 
@@ -19,9 +19,9 @@ TURN_M = 4.6
 
 
 @dataclass(frozen=True, kw_only=True)
-class CarPark(Sizes):
-    """A street from west to east, and north of it a car park: `parking` bays in columns, most of them taken. Vehicles
-    that arrive and leave (`[parking]`) use it, and not the kerbs."""
+class CarPark(Corners, CycleLanes, Sizes):
+    """A street from west to east, and north of it a car park: `parked_share` of its bays are taken. Vehicles that
+    arrive and leave (`[parking]`) use it, not the kerbs."""
 
     kind: Literal["car-park"] = "car-park"
     columns: int = key("aisles with bays on both sides", range=(1, 5), default=3)
@@ -115,7 +115,7 @@ class CarPark(Sizes):
 
     def ground(self, signals: bool) -> Ground:
         shape = self._shape(signals)
-        ground = junction_ground(shape, self.corner_radius_m, self.pavement_width_m)
+        ground = junction_ground(shape, self.pavement_width_m)
         half, stem = self._street_half, shape.arms["north"].half_width_m
         inside, far, wide = self._gate_m, self._far_m, self._half_m
         corners = [(-BEYOND_M, half), (-stem, half), (-stem, inside), (-wide, inside), (-wide, far), (wide, far),

@@ -6,12 +6,12 @@ from typing import Literal
 from synth.checking import key
 from synth.streets.arms import DIRECTIONS, Arm, Junction, junction, network
 from synth.streets.ground import Ground, junction_ground
-from synth.streets.keys import Sizes
+from synth.streets.keys import Corners, CycleLanes, ParkingStrip, Sizes
 from synth.traffic.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class Crossroads(Sizes):
+class Crossroads(Corners, CycleLanes, ParkingStrip, Sizes):
     """Two streets that cross at the origin, with zebra crossings and parking on both sides. Traffic lights come with
     `[signal]`; without them who comes first goes first, left turns give way."""
 
@@ -27,4 +27,4 @@ class Crossroads(Sizes):
         return network(self._shape(signals))
 
     def ground(self, signals: bool) -> Ground:
-        return junction_ground(self._shape(signals), self.corner_radius_m, self.pavement_width_m)
+        return junction_ground(self._shape(signals), self.pavement_width_m)

@@ -104,7 +104,7 @@ def _halves(mesh: Mesh, inner: Sequence[Point], island: Island, surfaces: dict[s
     mesh.polygon([(*p, z) for p in (middle, (x1, y1), far[0], back)], surfaces.get(second, island.surface))
 
 
-def corner_islands(shape: Junction, corner_m: float, pavement_m: float) -> tuple[Island, ...]:
+def corner_islands(shape: Junction, pavement_m: float) -> tuple[Island, ...]:
     """The ground between each arm and the next: a corner with a rounded kerb, or a straight side."""
     order = [name for name in ("east", "north", "west", "south") if name in shape.arms]
     islands = []
@@ -121,7 +121,7 @@ def corner_islands(shape: Junction, corner_m: float, pavement_m: float) -> tuple
             islands.append(Island(kerb, far, (sides[1], sides[0]), pavement_m=pavement_m))
             continue
         meet = (_pick(outwards, inwards, arm)[0], _pick(outwards, inwards, arm)[1])
-        kerb = rounded([inwards, meet, outwards], corner_m)
+        kerb = rounded([inwards, meet, outwards], shape.corner_m)
         far_corner = (math.copysign(BEYOND_M, meet[0]), math.copysign(BEYOND_M, meet[1]))
         islands.append(Island(kerb, (far_corner,), (_corner_of(meet),), pavement_m=pavement_m))
     return tuple(islands)
@@ -213,7 +213,7 @@ def zebra_paint(arm: Arm, edge: float) -> list[Paint]:
             for m in np.arange(-half + 0.55, half - 0.3, 1.05)]  # fmt: skip
 
 
-def junction_ground(shape: Junction, corner_m: float, pavement_m: float, *, stop_lines: bool = True) -> Ground:
+def junction_ground(shape: Junction, pavement_m: float, *, stop_lines: bool = True) -> Ground:
     """Everything of a junction of arms; without stop lines the markings meet in its middle."""
     paint: list[Paint] = []
     lights = []
@@ -228,7 +228,7 @@ def junction_ground(shape: Junction, corner_m: float, pavement_m: float, *, stop
         rows += arm_rows(arm, stop + 3.0)
     worn = [(lane, 0.0) for arm in shape.arms.values() for lane in _lanes(arm, shape.stop_m[arm.name])]
     return Ground(
-        corner_islands(shape, corner_m, pavement_m), tuple(paint), plots_behind(shape, pavement_m), tuple(rows),
+        corner_islands(shape, pavement_m), tuple(paint), plots_behind(shape, pavement_m), tuple(rows),
         tuple(lights), tuple(worn),
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ from synth.checking import key
 from synth.city.mesh import Mesh, circle
 from synth.streets.arms import Arm, Junction, network
 from synth.streets.ground import KERB_M, Ground, arm_paint, junction_ground
-from synth.streets.keys import Sizes
+from synth.streets.keys import CycleLanes, ParkingStrip, Sizes
 from synth.traffic.network import Network
 
 PARAPET_M = 0.9
@@ -17,7 +17,7 @@ COLUMN_SPACING_M = 24.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Overpass(Sizes):
+class Overpass(CycleLanes, ParkingStrip, Sizes):
     """A road from south to north on a viaduct, and a street from west to east below it. They do not meet."""
 
     kind: Literal["overpass"] = "overpass"
@@ -42,10 +42,10 @@ class Overpass(Sizes):
 
     def ground(self, signals: bool) -> Ground:  # noqa: ARG002
         lower, upper = self._lower(), self._upper()
-        ground = junction_ground(lower, self.corner_radius_m, self.pavement_width_m, stop_lines=False)
+        ground = junction_ground(lower, self.pavement_width_m, stop_lines=False)
         deck = upper.arms["north"].half_width_m + SHOULDER_M
         paint = [p for name, arm in upper.arms.items() for p in arm_paint(arm, 0.0, stop_line=False)]
-        worn = [(path, self.height_m) for path, _ in junction_ground(upper, 0.0, 2.0).worn]
+        worn = [(path, self.height_m) for path, _ in junction_ground(upper, 2.0).worn]
         street = lower.arms["east"].half_width_m + KERB_M + self.pavement_width_m
         paint = [*ground.paint, *paint]
         plots = {corner: ((deck + 3.0) * (1 if x > 0 else -1), y) for corner, (x, y) in ground.plots.items()}

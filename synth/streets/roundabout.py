@@ -31,7 +31,7 @@ from synth.streets.ground import (
     arm_rows,
     zebra_paint,
 )
-from synth.streets.keys import Sizes
+from synth.streets.keys import ParkingStrip, Sizes
 from synth.traffic.network import Crossing, Lane, Network
 from synth.traffic.paths import Path, Piece, Point, line
 
@@ -40,7 +40,7 @@ RING_WIDTH_M = 6.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Roundabout(Sizes):
+class Roundabout(ParkingStrip, Sizes):
     """Four streets that meet at a ring around a planted island. Traffic on the ring has the right of way; `[signal]`
     has no effect here and is refused."""
 

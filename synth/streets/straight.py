@@ -6,12 +6,12 @@ from typing import Literal
 from synth.checking import key
 from synth.streets.arms import CROSSING_SETBACK_M, CROSSING_WIDTH_M, STOP_SETBACK_M, Arm, Junction, network
 from synth.streets.ground import Ground, junction_ground, zebra_paint
-from synth.streets.keys import Sizes
+from synth.streets.keys import CycleLanes, ParkingStrip, Sizes
 from synth.traffic.network import Crossing, Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class Straight(Sizes):
+class Straight(CycleLanes, ParkingStrip, Sizes):
     """A road from west to east through the origin, with a zebra crossing there. `[signal]` puts lights at it, those
     of east and west."""
 
@@ -24,7 +24,7 @@ class Straight(Sizes):
         widths = (self.lanes, 0.0, self.cycle_width_m, self.parking_width_m)
         arms = {name: Arm(name, self.arm_m, self.lane_width_m, *widths) for name in ("east", "west")}
         stops, edges = dict.fromkeys(arms, stop), dict.fromkeys(arms, 0.5 * CROSSING_WIDTH_M)
-        return Junction(arms, stops, edges, self.corner_radius_m, frozenset(arms), False, signals)
+        return Junction(arms, stops, edges, 0.0, frozenset(arms), False, signals)
 
     def network(self, signals: bool) -> Network:
         made = network(self._shape(signals))
@@ -35,7 +35,7 @@ class Straight(Sizes):
 
     def ground(self, signals: bool) -> Ground:
         shape = self._shape(signals)
-        ground = junction_ground(shape, self.corner_radius_m, self.pavement_width_m, stop_lines=self.crossing)
+        ground = junction_ground(shape, self.pavement_width_m, stop_lines=self.crossing)
         if not self.crossing:
             return ground
         zebra = zebra_paint(shape.arms["east"], -0.5 * CROSSING_WIDTH_M - CROSSING_SETBACK_M)

@@ -6,12 +6,12 @@ from typing import Literal
 from synth.checking import key
 from synth.streets.arms import Arm, Junction, junction, network
 from synth.streets.ground import Ground, junction_ground
-from synth.streets.keys import Sizes
+from synth.streets.keys import Corners, CycleLanes, ParkingStrip, Sizes
 from synth.traffic.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class TJunction(Sizes):
+class TJunction(Corners, CycleLanes, ParkingStrip, Sizes):
     """A street from the south that ends at the street from west to east, which has the right of way."""
 
     kind: Literal["t-junction"] = "t-junction"
@@ -29,4 +29,4 @@ class TJunction(Sizes):
         return network(self._shape(signals))
 
     def ground(self, signals: bool) -> Ground:
-        return junction_ground(self._shape(signals), self.corner_radius_m, self.pavement_width_m)
+        return junction_ground(self._shape(signals), self.pavement_width_m)
