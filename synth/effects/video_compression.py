@@ -15,7 +15,7 @@ TRUTH = "none"
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    codec: Literal["H264", "H265", "AV1"] = "H264"
+    codec: Literal["H264", "H265", "AV1"] = key("the encoder", default="H264")
     bitrate_kbps: int = key("of the video", unit="kbit/s", range=(10, 1_000_000), default=4000)
     keyframe_every: int = key("frames from one key frame to the next", range=(1, 1000), default=30)
 

@@ -10,12 +10,12 @@ from synth.truth.recording import Recording
 Array = NDArray[np.float64]
 FLAT = 2e-5  # share of the depth by which the fourth pixel may be off the plane of the other three
 GRAZING = 0.1  # sine of the flattest view of a plane that counts
-SAME_SURFACE = 0.02  # share of the depth
+SAME_SURFACE = 0.004  # share of the depth: farther, it is something else that is in front
 
 
-def round_trip(recording: Recording, a: int, b: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Pixels [P] between where points are in frame a and where they come back to by way of frame b, and which of them
-    are on instances [P].
+def round_trip(recording: Recording, a: int, b: int) -> tuple[Array, NDArray[np.bool_], float]:
+    """Pixels [P] between where points are in frame a and where they come back to by way of frame b, which of them are
+    on instances [P], and the share of the points on planes that are not found again: hidden, or the truth is wrong.
 
     A pixel of a is carried to b by its depth, the poses and the motion of its instance. There the four pixels around
     it must be on one plane of one instance; the ray meets that plane in a point, which is carried back.
@@ -44,6 +44,7 @@ def round_trip(recording: Recording, a: int, b: int) -> tuple[Array, NDArray[np.
     with np.errstate(invalid="ignore", divide="ignore"):
         met = ((p[0][0] - eye) * normal).sum(axis=1) / facing
         seen = same & (fourth < FLAT * depth) & (np.abs(facing) > GRAZING * np.linalg.norm(ray, axis=1))
+        flat = seen.sum()
         seen &= np.abs(met / depth - 1) < SAME_SURFACE
     found = eye + ray[seen] * met[seen, None]
 
@@ -53,4 +54,5 @@ def round_trip(recording: Recording, a: int, b: int) -> tuple[Array, NDArray[np.
     found[on] = np.einsum("pij,pj->pi", back[member[on], :3, :3], found[on]) + back[member[on], :3, 3]
     returned, _ = here.project(found)
     start = np.stack([column_a, row_a], axis=-1)[seen] + 0.5
-    return np.linalg.norm(returned - start, axis=1), on
+    lost = 1 - seen.sum() / flat if flat else 0.0
+    return np.linalg.norm(returned - start, axis=1), on, float(lost)
