@@ -27,7 +27,8 @@ def import_model(model: Model) -> Any:
         raise InputError(f"{model.path}: Blender cannot import it: {reason}") from None
     bpy.context.view_layer.update()
     found = [thing for thing in bpy.data.objects if thing not in before]
-    joined, materials = bmesh.new(), []
+    joined = bmesh.new()
+    materials: list[Any] = []
     for thing in found:
         if thing.type != "MESH":
             continue
