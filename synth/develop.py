@@ -87,7 +87,10 @@ def read_png(content: bytes) -> NDArray[np.uint8]:
     if depth != 8 or colour_type not in (0, 2):
         raise ValueError("a PNG file of another kind")
     channels = 3 if colour_type == 2 else 1
-    rows = np.frombuffer(zlib.decompress(pixels), np.uint8).reshape(height, 1 + width * channels)
+    try:
+        rows = np.frombuffer(zlib.decompress(pixels), np.uint8).reshape(height, 1 + width * channels)
+    except zlib.error as error:
+        raise ValueError(f"a damaged PNG file: {error}") from None
     if (rows[:, 0] != 2).any():
         raise ValueError("a PNG file of another program")
     image = np.cumsum(rows[:, 1:], axis=0, dtype=np.uint8)  # wraps at 256, as the filter does

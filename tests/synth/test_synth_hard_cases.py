@@ -41,7 +41,8 @@ def test_one_frame_has_no_valid_flow(flyover: Command, tiny_scene: Path, tmp_pat
     assert not flow["backward_valid"].any()
     assert np.isnan(flow["flow_forward"]).all()
     assert (recording.arrays(0, "occlusion")["forward"] == 3).all()
-    assert recording.index["heterogeneity"] == {"space": pytest.approx(0.0, abs=1.0), "time": 0.0}
+    assert recording.index["heterogeneity"]["time"] == 0.0
+    assert 0.0 < recording.index["heterogeneity"]["space"] < 1.0
 
 
 def test_hover_at_an_odd_rate(flyover: Command, tiny_scene: Path, tmp_path: Path) -> None:
