@@ -63,7 +63,8 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
         table.add_row(f"LPIPS ({network})", "not measured", "")
     table.add_row("PSNR of training frames", db(metrics["psnr_training"]), "")
     width, height = metrics["resolution"]
-    table.add_row(f"rendering, {width}x{height}, {metrics['threads']} thread(s)", f"{metrics['fps']:.1f} fps", "")
+    where = "GPU" if metrics["device"] == "cuda" else f"{metrics['threads']} thread(s)"
+    table.add_row(f"rendering, {width}x{height}, {where}", f"{metrics['fps']:.1f} fps", "")
     table.add_row("training", f"{metrics['training_seconds'] / 60:.1f} min", "")
     table.add_row("anchors / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")

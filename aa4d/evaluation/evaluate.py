@@ -72,6 +72,7 @@ class Metrics:
     warm_up_frames: int
     timed_frames: int
     resolution: tuple[int, int]
+    device: str  # "cpu" or "cuda", of fps
     threads: int
     training_seconds: float
     anchors: int
@@ -100,6 +101,7 @@ def evaluate(
     Args:
         capture_folder: where the capture lies; None to follow the path in the model file.
         perceptual: LPIPS; None for AlexNet's, where its weights are at hand.
+        device: where the model is rendered; images are compared on the CPU.
 
     Raises:
         InputError: no model, no capture, a capture without held-out frames, or no such device.
@@ -162,6 +164,7 @@ def evaluate(
         warm_up_frames=WARM_UP_FRAMES,
         timed_frames=TIMED_FRAMES,
         resolution=(capture.camera.width, capture.camera.height),
+        device=chosen.type,
         threads=torch.get_num_threads(),
         training_seconds=loaded.training_seconds,
         anchors=len(loaded.model.anchors),

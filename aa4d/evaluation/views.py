@@ -14,7 +14,7 @@ from aa4d.rendering import render
 
 
 def view_of_frame(loaded: LoadedModel, capture: Capture, index: int) -> tuple[float | None, Camera, Tensor]:
-    """Time, camera and background, as `render` takes them."""
+    """Time, camera and background, as `render` takes them, where the model is."""
     c, frame = capture.camera, capture.frames[index]
     device = loaded.model.anchors.position.device
     camera = loaded.frame.camera(frame.viewmat, c.K, c.width, c.height, device)
