@@ -23,7 +23,7 @@ def evaluate(
         ),
     ] = None,
     device: Annotated[
-        Literal["auto", "cpu", "cuda"], arg(help="Where to render. auto: CUDA where a GPU and gsplat are there.")
+        Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
     ] = "auto",
 ) -> None:
     """Score a run on the held-out frames and time its rendering; writes metrics.json and eval/ into the run."""
@@ -33,7 +33,7 @@ def evaluate(
     with step_progress("weights of LPIPS") as progress:
         perceptual = obtain(None if lpips is None else tuple(dict.fromkeys(lpips)), progress)
     with step_progress("frames") as progress:
-        metrics = run_evaluation(run, capture, progress, perceptual, device)
+        metrics = run_evaluation(run, capture, progress, perceptual, device=device)
     console.print(metrics_table(metrics.as_json()))
     for network, reason in metrics.lpips_not_measured.items():
         console.print(f"LPIPS ({network}) not measured: {reason}", highlight=False, soft_wrap=True)

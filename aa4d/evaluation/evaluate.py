@@ -91,6 +91,7 @@ def evaluate(
     capture_folder: Path | None,
     progress: Callable[[int, int], None],
     perceptual: Perceptual | None = None,
+    *,
     device: DeviceName = "auto",
 ) -> Metrics:
     """Score `run`/model.safetensors; writes `metrics.json`, and the held-out renders and a plot into `run`/eval.
@@ -105,11 +106,11 @@ def evaluate(
     Raises:
         InputError: no model, no capture, a capture without held-out frames, or no such device.
     """
-    chosen = choose_device(device)
     if run.is_file():
         raise InputError(f"{run}: is a file; name the folder of the run that holds it")
-    loaded = load_model(run / "model.safetensors")
-    static = load_model(run / "coarse.safetensors") if (run / "coarse.safetensors").exists() else None
+    chosen = choose_device(device)
+    loaded = load_model(run / "model.safetensors", chosen)
+    static = load_model(run / "coarse.safetensors", chosen) if (run / "coarse.safetensors").exists() else None
     capture = capture_of(loaded, capture_folder)
     held_out = capture.of_split("test")
     if not held_out:
@@ -117,9 +118,6 @@ def evaluate(
     perceptual = perceptual or obtain(None)
     perceptual = perceptual.for_size(capture.camera.width, capture.camera.height)
     training = _spread(capture.of_split("train"), TRAINING_FRAMES)
-    for model in (loaded, static):
-        if model is not None:
-            model.model.to(chosen)
     out = run / "eval"
     make_folder(out)
 
