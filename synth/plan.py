@@ -19,6 +19,7 @@ from synth.effects import Effect, at, choose
 from synth.errors import InputError
 from synth.flight import Trajectory
 from synth.lens import Lens, Pinhole
+from synth.models import Model, find_models
 from synth.seeds import frame_seed
 from synth.shutter import Shutter
 from synth.spec import Scene
@@ -59,6 +60,7 @@ class Plan:
     shutter: Shutter
     staging: tuple[Staging, ...]
     cast: Cast  # the fleet and what effects add to it
+    models: tuple[Model, ...] = ()  # of the user's own
 
     def film_effects(self) -> Iterator[Effect]:
         """Those that act on the light of a frame."""
@@ -104,7 +106,8 @@ def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
     signals = scene.signal is not None
     city = build_city(scene.street.ground(signals), scene.blocks, scene.greenery.street_trees, scene.seed)
     fleet = make_fleet(scene, duration, folder)
-    plan = Plan(scene, K, frames, flight, fleet, city, effects, lens, shutter, staging=(), cast=Cast(fleet))
+    models = find_models(scene.assets, folder)
+    plan = Plan(scene, K, frames, flight, fleet, city, effects, lens, shutter, (), Cast(fleet), models)
     for effect in at(effects, "scene"):
         plan = _staged(plan, effect.module.stage(effect.settings, plan))
     return plan
@@ -151,6 +154,7 @@ def document(plan: Plan, blender: str) -> dict[str, Any]:
         "extras": [dataclasses.asdict(member) for member in plan.cast.members()[len(plan.fleet.instances) :]],
         "trajectories_sha256": hashlib.sha256(poses.tobytes()).hexdigest(),
         "city_sha256": plan.city.digest(),
+        "models": {model.kind: model.sha256 for model in plan.models},
     }
     content = json.loads(json.dumps(content))  # tuples become lists, as in a document read back
     content["sha256"] = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

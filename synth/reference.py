@@ -57,8 +57,9 @@ Blender's optical flow is wrong by up to 0.7 pixels.
 
 ## The heterogeneity family
 
-The scenes of `scenes/heterogeneity/` are the same file but for one knob: street, blocks, flight and light are equal, and
-the mix of activity classes moves.
+The scenes of `scenes/heterogeneity/` are the same file but for one knob, their lights: street, blocks, flight, sun and
+demand are equal, and the mix of activity classes moves from static (`standing`) over intermittent (`stop-and-go`) and
+all of them (`mixed`) to persistent beside static (`free-flow`).
 """
 
 
@@ -74,16 +75,12 @@ def reference() -> str:
             continue
         many = get_origin(hint) is tuple
         cls = get_args(hint)[0] if many else hint
-        title = f"`[[{name}]]`" if many else f"`[{name}]`"
-        parts.append(_section(title, cls, _rows(cls)))
+        parts.append(_section(f"`[[{name}]]`" if many else f"`[{name}]`", cls, _rows(cls)))
     parts.append("## `[effects.NAME]`\n\nAn effect that the scene does not name is neither imported nor simulated.\n")
     for name in NAMES:
         module = import_module(f"synth.effects.{name}")
         about = (module.__doc__ or "").strip().split("\n\n")[0].replace("\n", " ")
-        table = "\n".join(_rows(module.Settings))
-        parts.append(
-            f"### `[effects.{name}]`\n\n{about}\n\n{table}\n" if table else f"### `[effects.{name}]`\n\n{about}\n"
-        )
+        parts.append("\n".join([f"### `[effects.{name}]`", "", about, "", *_rows(module.Settings), ""]))
     parts.append(TAIL)
     return "\n".join(parts)
 

@@ -48,7 +48,13 @@ def build_stage(plan: Plan) -> Stage:
         prop.location, prop.scale = placement.position, (placement.scale,) * 3
         prop.rotation_euler = (0, 0, placement.angle)
         collection.objects.link(prop)
-    bodies = {kind: mesh_data(kind, vehicle_mesh(kind)) for kind in sorted({i.kind for i in plan.fleet.instances})}
+    kinds = sorted({instance.kind for instance in plan.fleet.instances})
+    models = {model.kind: model for model in plan.models if model.kind in kinds}
+    bodies = {kind: mesh_data(kind, vehicle_mesh(kind)) for kind in kinds if kind not in models}
+    if models:
+        from synth.blender.assets import import_model
+
+        bodies |= {kind: import_model(model) for kind, model in models.items()}
     vehicles = []
     for instance in plan.fleet.instances:
         vehicle = bpy.data.objects.new(instance.name, bodies[instance.kind])

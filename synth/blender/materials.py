@@ -109,10 +109,19 @@ def _multiply(tree: Any, colour: Any, factor: Any) -> Any:
     return node.outputs[0]
 
 
+def carry_instance(imported: Any, name: str) -> Any:
+    """A material of somebody else's model, made to write the instance id too; None becomes a plain grey one."""
+    made = bpy.data.materials.new(name) if imported is None else imported
+    made.use_nodes = True
+    if INSTANCE not in made.node_tree.nodes:
+        _instance_pass(made.node_tree)
+    return made
+
+
 def _instance_pass(tree: Any) -> None:
     attribute = tree.nodes.new("ShaderNodeAttribute")
     attribute.attribute_type = "OBJECT"
     attribute.attribute_name = INSTANCE
     output = tree.nodes.new("ShaderNodeOutputAOV")
-    output.aov_name = INSTANCE
+    output.name = output.aov_name = INSTANCE
     tree.links.new(attribute.outputs["Fac"], output.inputs["Value"])

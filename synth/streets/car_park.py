@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from synth.checking import key
-from synth.streets.arms import Arm, Junction, bend_limit, entries, junction, lane_name, network
-from synth.streets.ground import BEYOND_M, Ground, Island, Paint, arm_paint, arm_rows, junction_ground
+from synth.streets.arms import Arm, Junction, entries, junction, lane_name, network
+from synth.streets.ground import BEYOND_M, Ground, Island, Paint, Row, arm_paint, arm_rows, junction_ground
 from synth.streets.keys import Corners, CycleLanes, Sizes
 from synth.traffic.network import Bay, Lane, Network
 from synth.traffic.paths import Path, Point, line, rounded
@@ -16,6 +16,8 @@ BAY_LENGTH_M, BAY_WIDTH_M = 5.2, 2.7
 STRIP_M = 8.0  # pavement and hedge between the street and the bays
 KEEP_M = 1.7  # from the middle of an aisle to where one drives
 TURN_M = 4.6
+SLOW_MPS = 4.0
+HEAD_M = 1.6  # between the aisle across and the first bays: room to swing out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +46,7 @@ class CarPark(Corners, CycleLanes, Sizes):
     @property
     def _first_m(self) -> float:
         """y of the first bays' near edge."""
-        return self._gate_m + AISLE_M
+        return self._gate_m + AISLE_M + HEAD_M
 
     @property
     def _far_m(self) -> float:
@@ -76,42 +78,52 @@ class CarPark(Corners, CycleLanes, Sizes):
             heading = 0.0 if side > 0 else math.pi
             # Who came last week stands nose in or backed in; who leaves is backed in, who comes goes in nose first.
             bays.append(Bay("", 0.0, 0.0, (*middle, heading + (math.pi if number % 3 else 0.0))))
-            if number % 4 != 1:
-                continue  # a way to every fourth bay is enough to choose from
-            mouth = (x + side * 0.5 * AISLE_M, middle[1])
-            deep = (x + side * (0.5 * AISLE_M + BAY_LENGTH_M), middle[1])
-            y_in, y_out = self._gate_m + 0.5 * AISLE_M - KEEP_M, self._gate_m + 0.5 * AISLE_M + KEEP_M
-            # On the right of the aisle across and of the aisle along.
-            if abs(x) < 1:
-                come = rounded([stem.outbound(0, self._gate_m), (stem.outbound(0, 0)[0], mouth[1]), mouth], TURN_M)
-                go = rounded([mouth, (stem.inbound(0, 0)[0], mouth[1]), stem.inbound(0, self._gate_m)], TURN_M)
+            if number % 2:
+                continue  # a way to every other bay is enough to choose from
+            # Left turns have room: who comes up the right side of an aisle parks on its left, who goes down likewise.
+            if side < 0:
+                lanes |= self._way_in(number, x, middle[1], stem)
             else:
-                across_in = y_in if x > 0 else y_out
-                across_out = y_out if x > 0 else y_in
-                up, down = x + KEEP_M, x - KEEP_M
-                come = rounded([stem.outbound(0, self._gate_m), (stem.outbound(0, 0)[0], across_in), (up, across_in),
-                                (up, mouth[1]), mouth], TURN_M)  # fmt: skip
-                go = rounded([mouth, (down, mouth[1]), (down, across_out), (stem.inbound(0, 0)[0], across_out),
-                              stem.inbound(0, self._gate_m)], TURN_M)  # fmt: skip
-            lanes[f"come-{number}"] = Lane(come, True, 2, limit_mps=min(4.0, bend_limit(come)))
-            lanes[f"go-{number}"] = Lane(go, True, 1, limit_mps=min(4.0, bend_limit(go)))
-            lanes[f"bay-{number}-in"] = Lane(Path((line(mouth, deep),)), limit_mps=2.0)
-            lanes[f"bay-{number}-out"] = Lane(Path((line(deep, mouth),)), limit_mps=2.0)
+                lanes |= self._way_out(number, x, middle[1], stem)
             for side_name in ("east", "west"):
                 arm = shape.arms[side_name]
-                routes[f"{side_name}-lot{number}/0"] = (
-                    lane_name(arm, 0, "in"), f"{side_name}-north/0", lane_name(stem, 0, "out"), f"come-{number}",
-                    f"bay-{number}-in",
-                )  # fmt: skip
-                routes[f"lot{number}-{side_name}/0"] = (
-                    f"bay-{number}-out", f"go-{number}", lane_name(stem, 0, "in"), f"north-{side_name}/0",
-                    lane_name(arm, 0, "out"),
-                )  # fmt: skip
+                if side < 0:
+                    routes[f"{side_name}-lot{number}/0"] = (
+                        lane_name(arm, 0, "in"), f"{side_name}-north/0", lane_name(stem, 0, "out"), f"come-{number}",
+                        f"bay-{number}",
+                    )  # fmt: skip
+                else:
+                    routes[f"lot{number}-{side_name}/0"] = (
+                        f"bay-{number}", f"go-{number}", lane_name(stem, 0, "in"), f"north-{side_name}/0",
+                        lane_name(arm, 0, "out"),
+                    )  # fmt: skip
         for name in [name for name in routes if "north" in name.split("/")[0]]:
             del routes[name]  # the way in leads to bays only
         through = {name: names for name, names in routes.items() if "lot" not in name}
         walks = [path for path in street.walks if abs(path.pieces[0].start[0]) > 8]
         return Network(lanes, routes, (), tuple(bays), tuple(walks), entries(through))
+
+    def _way_in(self, number: int, x: float, y: float, stem: Arm) -> dict[str, Lane]:
+        """From the gate into a bay west of the aisle at x, nose first."""
+        mouth, gate = (x - 0.5 * AISLE_M, y), stem.outbound(0, self._gate_m)
+        along = [(gate[0], y)] if abs(x) < 1 else [(gate[0], self._across(x > 0)), (x + KEEP_M, self._across(x > 0)),
+                                                   (x + KEEP_M, y)]  # fmt: skip
+        come = rounded([gate, *along, mouth], TURN_M)
+        bay = Path((line(mouth, (mouth[0] - BAY_LENGTH_M, y)),))
+        return {f"come-{number}": Lane(come, True, 2, limit_mps=SLOW_MPS), f"bay-{number}": Lane(bay, limit_mps=2.0)}
+
+    def _way_out(self, number: int, x: float, y: float, stem: Arm) -> dict[str, Lane]:
+        """From a bay east of the aisle at x, in which the vehicle stands backed in, to the gate."""
+        mouth, gate = (x + 0.5 * AISLE_M, y), stem.inbound(0, self._gate_m)
+        along = [(gate[0], y)] if abs(x) < 1 else [(x - KEEP_M, y), (x - KEEP_M, self._across(x < 0)),
+                                                   (gate[0], self._across(x < 0))]  # fmt: skip
+        go = rounded([mouth, *along, gate], TURN_M)
+        bay = Path((line((mouth[0] + BAY_LENGTH_M, y), mouth),))
+        return {f"go-{number}": Lane(go, True, 1, limit_mps=SLOW_MPS), f"bay-{number}": Lane(bay, limit_mps=2.0)}
+
+    def _across(self, eastwards: bool) -> float:
+        """y of the lane along the street-side aisle: traffic keeps to the right."""
+        return self._gate_m + 0.5 * AISLE_M + (-KEEP_M if eastwards else KEEP_M)
 
     def ground(self, signals: bool) -> Ground:
         shape = self._shape(signals)
@@ -131,5 +143,6 @@ class CarPark(Corners, CycleLanes, Sizes):
                 paint.append(Paint(((inner, edge - 0.05), (outer, edge - 0.05), (outer, edge + 0.05),
                                     (inner, edge + 0.05))))  # fmt: skip
         rows = [row for name in ("east", "west") for row in arm_rows(shape.arms[name], stem + 8.0)]
+        rows += [Row((-wide, inside), (-wide, far)), Row((-wide, far), (wide, far)), Row((wide, far), (wide, inside))]
         plots = dict(ground.plots) | {"north-east": (1.0, far + 4.5), "north-west": (-1.0, far + 4.5)}
         return replace(ground, islands=(north, south), paint=tuple(paint), plots=plots, rows=tuple(rows))

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from synth.checking import key
+from synth.city.mesh import circle
 from synth.streets.arms import (
     CROSSING_SETBACK_M,
     CROSSING_WIDTH_M,
@@ -32,7 +33,7 @@ from synth.streets.ground import (
     zebra_paint,
 )
 from synth.streets.keys import ParkingStrip, Sizes
-from synth.traffic.network import Crossing, Lane, Network
+from synth.traffic.network import KERB_HEIGHT_M, Crossing, Lane, Network
 from synth.traffic.paths import Path, Piece, Point, line
 
 FLARE_M = 14.0  # radius of the kerbs and paths between an arm and the ring
@@ -127,6 +128,8 @@ class Roundabout(ParkingStrip, Sizes):
             paint += arm_paint(arm, stop) + zebra_paint(arm, self._kerb_end(half))
             rows += arm_rows(arm, stop + 3.0)
         ring = self.ring_radius_m
+        bed = circle(0.45 * (ring - 0.5 * RING_WIDTH_M), 32)
+        paint.append(Paint(tuple(bed), "flowers", KERB_HEIGHT_M))
         for angle in np.arange(0, 2 * math.pi, math.radians(12)):
             dash = arc((0.0, 0.0), ring + 0.5 * RING_WIDTH_M - 0.25, float(angle), math.radians(5))
             inner = dash.inset(0.12)

@@ -16,6 +16,8 @@ from synth.traffic.simulation import STOP_GAP_M, park_at
 
 PARKED_KINDS: tuple[tuple[Kind, float], ...] = (("hatchback", 0.40), ("saloon", 0.28), ("suv", 0.22), ("van", 0.10))
 CAR_KINDS: tuple[tuple[Kind, float], ...] = (("hatchback", 0.38), ("saloon", 0.34), ("suv", 0.28))
+CRUISE_MPS = 9.0  # of those who leave and arrive
+MANOEUVRE_S = 2.0  # longer than at that speed, to pull in
 WAIT_M = 0.45  # from the kerb to where people wait
 
 
@@ -184,7 +186,7 @@ def _room(network: Network, index: int, what: str) -> tuple[int, ...] | None:
     """The bays that must be free besides the one that is left or taken; None where it cannot be."""
     bay = network.bays[index]
     if not bay.lane:
-        return () if _lot_routes(network, index) else None
+        return () if _lot_routes(network, index, what) else None
     same = sorted((b.s_m, i) for i, b in enumerate(network.bays) if b.lane == bay.lane)
     at = next(n for n, (_, i) in enumerate(same) if i == index)
     if not 1 < at < len(same) - 2:
@@ -193,9 +195,10 @@ def _room(network: Network, index: int, what: str) -> tuple[int, ...] | None:
     return tuple(same[at + ahead * n][1] for n in (1, 2))
 
 
-def _lot_routes(network: Network, index: int) -> list[str]:
-    """Routes from and to a bay of a car park."""
-    return [name for name in network.routes if f"lot{index}" in name.split("/")[0].split("-")]
+def _lot_routes(network: Network, index: int, what: str) -> list[str]:
+    """Routes from (`what` is "leaving") or to ("arriving") a bay of a car park."""
+    end = 0 if what == "leaving" else 1
+    return [name for name in network.routes if name.split("/")[0].split("-")[end] == f"lot{index}"]
 
 
 def _on_bay(network: Network, index: int, kind: str, number: int, rng: np.random.Generator) -> tuple[Car, float]:
@@ -204,16 +207,16 @@ def _on_bay(network: Network, index: int, kind: str, number: int, rng: np.random
     routes = [name for name, lanes in network.routes.items() if bay.lane in lanes]
     choices = [name for name in routes if _is_straight(name)] or routes
     route = choices[int(rng.integers(len(choices)))]
-    car = Car(number, kind, 0.5 * BODIES[kind].length_m, 9.0, network, route)
+    car = Car(number, kind, 0.5 * BODIES[kind].length_m, CRUISE_MPS, network, route)
     return car, car.starts[car.route.index(bay.lane)] + bay.s_m
 
 
 def _leaver(network: Network, index: int, kind: str, number: int, seed: int, duration_s: float) -> Car:
     rng = generator(seed, f"leaving {number}")
-    out = [name for name in _lot_routes(network, index) if name.startswith("lot")]
+    out = _lot_routes(network, index, "leaving")
     leaves_s = float(rng.uniform(0.05, 0.5)) * duration_s
     if out:
-        car = Car(number, kind, 0.5 * BODIES[kind].length_m, 9.0, network, out[int(rng.integers(len(out)))])
+        car = Car(number, kind, 0.5 * BODIES[kind].length_m, CRUISE_MPS, network, out[int(rng.integers(len(out)))])
         car.position, car.hold_s = car.starts[1] - STOP_GAP_M - car.half, leaves_s
         return car
     car, at = _on_bay(network, index, kind, number, rng)
@@ -226,14 +229,16 @@ def _leaver(network: Network, index: int, kind: str, number: int, seed: int, dur
 def _arrival(network: Network, index: int, kind: str, number: int, seed: int, duration_s: float) -> Car:
     """Comes in so early that it arrives during the clip."""
     rng = generator(seed, f"arriving {number}")
-    into = [name for name in _lot_routes(network, index) if not name.startswith("lot")]
+    into = _lot_routes(network, index, "arriving")
     if into:
-        car = Car(number, kind, 0.5 * BODIES[kind].length_m, 9.0, network, into[int(rng.integers(len(into)))])
+        car = Car(number, kind, 0.5 * BODIES[kind].length_m, CRUISE_MPS, network, into[int(rng.integers(len(into)))])
         car.stop_m = at = car.starts[-1] - 0.5 - car.half
     else:
         car, at = _on_bay(network, index, kind, number, rng)
         park_at(car, at, network.bays[index].left_m)
-    car.enters_s = float(rng.uniform(0.4, 0.9)) * duration_s - at / 6.0 - 4.0
+    lanes = [(network.lanes[name], car.starts[k], car.starts[k + 1]) for k, name in enumerate(car.route)]
+    needed_s = sum(max(0.0, min(end, at) - start) / min(0.9 * lane.limit_mps, CRUISE_MPS) for lane, start, end in lanes)
+    car.enters_s = float(rng.uniform(0.5, 1.0)) * duration_s - needed_s - MANOEUVRE_S
     return car
 
 

@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 
 FARTHEST_M = 10_000.0
 STANDS_M = 0.15  # a move shorter than this between samples says nothing about the heading
-SMOOTH_S = 0.6  # headings are averaged over about this time
+SMOOTH_M = 5.0  # headings are averaged over this distance: a car's length
+GRID_M = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,20 +231,14 @@ def _headings(times: Array, centres: Array, given: Array, wheelbase_m: float) ->
         inside += np.minimum(along - s[0], 0)[:, None] * first + np.maximum(along - s[-1], 0)[:, None] * last
         return inside
 
+    # A function of place and not of time: who stands keeps its heading, wherever in a bend it stopped.
+    grid = np.arange(s[0] - SMOOTH_M, s[-1] + SMOOTH_M + GRID_M, GRID_M)
     reach = max(0.5 * wheelbase_m, STANDS_M)
-    axis = at(travelled + reach) - at(travelled - reach)
+    axis = at(grid + reach) - at(grid - reach)
     headings = np.unwrap(np.arctan2(axis[:, 1], axis[:, 0]))
-    step = float(np.median(np.diff(times)))
-    width = max(1, round(SMOOTH_S / step)) | 1
-    if width >= 3 and len(headings) > 1:
-        padded = np.pad(headings, width // 2, mode="edge")
-        smooth = np.convolve(padded, np.ones(width) / width, mode="valid")
-        standing = np.hypot(*np.gradient(centres, axis=0).T) < 1e-6
-        # Smoothing in time must not turn who stands: it keeps what it had when it stopped.
-        last = np.maximum.accumulate(np.where(standing, 0, np.arange(len(smooth))))
-        first_move = int(np.argmax(~standing))
-        headings = smooth[np.maximum(last, first_move)]
-    return headings
+    width = round(SMOOTH_M / GRID_M) | 1
+    padded = np.pad(headings, width // 2, mode="edge")
+    return np.interp(travelled, grid, np.convolve(padded, np.ones(width) / width, mode="valid"))
 
 
 def _unit(points: Array, s: Array, end: int) -> Array:
