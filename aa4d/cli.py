@@ -14,6 +14,7 @@ from aa4d.commands.bench import bench
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
 from aa4d.commands.export import export
+from aa4d.commands.inspect import inspect
 from aa4d.commands.render import render
 from aa4d.commands.sweep import sweep
 from aa4d.commands.synth import synth
@@ -33,6 +34,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "synth": synth,
     "train": train,
     "eval": evaluate,
+    "inspect": inspect,
     "render": render,
     "export": export,
     "demo": demo,

@@ -19,21 +19,21 @@ from aa4d.raster.types import Camera, Gaussians
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """Sizes. Marked [paper] where the paper states them; the others are 4D-GS's and Scaffold-GS's usual ones."""
+    """Sizes and switches. [paper] is stated there, the others as in aa4d/training/config.py."""
 
-    offsets: int = 10  # K
-    feature_dim: int = 32
+    offsets: int = 10  # K [Scaffold-GS]
+    feature_dim: int = 32  # [Scaffold-GS]
     embedding_dim: int = 32  # [paper]
-    plane_dim: int = 16  # C
-    spatial_resolutions: tuple[int, ...] = (64, 128)  # one a level
-    temporal_resolution: int = 25
+    plane_dim: int = 16  # C [4D-GS]; with 64 and 128 rows it gives the paper's neural sizes (docs/training.md)
+    spatial_resolutions: tuple[int, ...] = (64, 128)  # one a level [4D-GS]
+    temporal_resolution: int = 25  # rows along t; training sets it by the number of frames
     dlgd: bool = True  # off: offsets and scales do not deform
     dacw: bool = True  # off: the planes are queried at linearly normalised coordinates
     bins: int = 64  # [paper] of DACW
     weight_hidden: int = 256  # [paper] of Phi_w
     geometry_hidden: int = 128  # [paper] of Phi_o, Phi_s
-    encoder_width: int = 128
-    decoder_hidden: int = 32
+    encoder_width: int = 128  # [MoDec-GS]
+    decoder_hidden: int = 32  # [Scaffold-GS]
     aggregation: str = "acfa"  # [paper] a name in aa4d/field/aggregation.py
 
     def embeddings(self) -> tuple[str, ...]:

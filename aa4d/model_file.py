@@ -110,7 +110,7 @@ def copy_model(source: Path, target: Path) -> None:
     _write(target, tensors, loaded_header)
 
 
-def load_model(path: Path) -> LoadedModel:
+def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     """Raises InputError: absent, cut short, not safetensors, of a newer version, or not a whole model."""
     header, tensors = read_tensors(path)
     config = _config(header, tensors, path)
@@ -130,7 +130,7 @@ def load_model(path: Path) -> LoadedModel:
     try:
         return LoadedModel(
             path=path,
-            model=model.eval(),
+            model=model.to(device).eval(),
             frame=_frame(header["model_to_world"]),
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),

@@ -213,7 +213,7 @@ class Run:
                     f"stopped at {state.stage} iteration {state.iteration} of {total}; {self.out} is usable as it is, "
                     "and the same command continues from there"
                 )
-            if state.iteration % self.config.checkpoint_every == 0:
+            if state.iteration % self.config.checkpoint_every == 0 and state.iteration < total:
                 self._save_checkpoint(state, history)
 
     def step(self, state: TrainingState, watch: Watch | None = None) -> tuple[float, float]:
@@ -287,8 +287,10 @@ class Run:
         save_checkpoint(self.checkpoint_path, state)
 
     def _save(self, state: TrainingState, history: History) -> None:
-        self._save_checkpoint(state, history)
+        """The model first: where the checkpoint says that training is over, the model file is the final one."""
+        check_finite(state.optimiser, "a parameter")
         self._save_model(state, self.model_path)
+        self._save_checkpoint(state, history)
 
     def _save_checkpoint(self, state: TrainingState, history: History) -> None:
         """Only ever over the last one with finite values: it is what a diverged run goes back to."""

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,11 +15,13 @@ from aa4d.anchors.densification import Statistics
 from aa4d.capture.reader import read_capture
 from aa4d.device import choose_device
 from aa4d.errors import InputError
+from aa4d.evaluation.views import view_of_frame
 from aa4d.field.warping import density_adaptive_boundaries
 from aa4d.model import ModelConfig
+from aa4d.model_file import load_model
 from aa4d.raster.types import Camera, Gaussians, Rendering
 from aa4d.training.optimiser import make_optimiser, set_rates
-from aa4d.training.trainer import Run
+from aa4d.training.trainer import Run, train
 from tests.training.short_run import SHORT
 
 # A device that this PyTorch always has, and that fake tensors mix with the CPU as little as they do CUDA.
@@ -60,18 +63,27 @@ def test_what_a_training_step_computes_mixes_no_devices(
         set_rates(state.optimiser, 0.5)
         view = run.views[0]
         rendered = run._render(state, view)
-        loss, _ = run._loss(state.model, stage, rendered, view.target())
+        loss, squared_error = run._loss(state.model, stage, rendered, view.target())
         loss.backward()
         state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering)
         u = state.model.field.normalise(state.model.anchors.position)
         assert density_adaptive_boundaries(u, 64, 1.5, 1.0, 0.2, 0.8).device == OTHER
         assert isinstance(state.statistics, Statistics)
         assert {v.device for v in vars(state.statistics).values()} == {OTHER}
-        assert loss.device == rendered.rendering.color.device == OTHER
+        assert loss.device == squared_error.device == rendered.rendering.color.device == OTHER
         for group in state.optimiser.param_groups:
             for parameter in group["params"]:
                 assert parameter.device == OTHER
                 assert parameter.grad is None or parameter.grad.device == OTHER
+
+
+def test_evaluation_views_a_frame_where_the_model_lies(toy_capture: Path, tmp_path: Path) -> None:
+    capture = read_capture(toy_capture)
+    train(capture, tmp_path / "run", replace(SHORT, coarse_iterations=1, fine_iterations=1), lambda *_: None)
+    loaded = load_model(tmp_path / "run/model.safetensors", OTHER)
+    assert {value.device for value in loaded.model.state_dict().values()} == {OTHER}
+    _, camera, background = view_of_frame(loaded, capture, 0)
+    assert camera.viewmat.device == camera.K.device == background.device == OTHER
 
 
 def test_auto_is_the_cpu_where_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
