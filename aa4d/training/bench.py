@@ -31,7 +31,7 @@ FRAMES = 16
 WARM_UP = 5
 PROFILED = 5
 
-# Names of profiled operations, by how they begin; what fits none is "other torch operations".
+# Names of profiled operations, by how they begin; what fits none is OTHER.
 PARTS = {
     "networks": ("_TwoLayer", "aten::mm", "aten::addmm"),
     "feature planes": ("_LookUp", "_PlanePenalty"),
@@ -40,7 +40,7 @@ PARTS = {
     "image loss": ("_ImageLoss",),
     "Adam": ("aten::_fused_adam_", "Optimizer."),
 }
-OTHER = "other torch operations"
+OTHER = "rest of torch"
 
 
 @dataclass(frozen=True)
@@ -239,8 +239,8 @@ def _parts_table(row: Row) -> Table:
 
 def _growth_table(rows: Sequence[Row]) -> Table:
     table = Table(title="How it grows")
-    for column in ("anchors", "image", "iterations/s", "ms", "frames/s", "peak MiB", "largest part"):
-        table.add_column(column, justify="right")
+    for column in ("anchors", "image", "iter./s", "ms", "fps", "peak MiB", "largest part"):
+        table.add_column(column, justify="right", no_wrap=True)
     for row in rows:
         part, share = max(row.parts.items(), key=lambda item: item[1])
         table.add_row(
