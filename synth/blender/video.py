@@ -14,7 +14,8 @@ from synth.errors import InputError
 from synth.files import TEMPORARY_SUFFIX, write_bytes
 from synth.interrupts import interrupt_deferred
 
-MARGIN_PX = 2  # encoders want even sizes
+EVEN_PX = 2  # encoders want even sizes
+STAMPS = ("date", "time", "render_time", "frame", "scene", "camera", "filename", "memory", "hostname", "frame_range")
 
 
 def through_video(
@@ -28,7 +29,7 @@ def through_video(
         InputError: this Blender lacks the encoder.
     """
     height, width = read_rgb(images[0]).shape[:2]
-    even = (width + width % MARGIN_PX, height + height % MARGIN_PX)
+    even = (width + width % EVEN_PX, height + height % EVEN_PX)
     with tempfile.TemporaryDirectory(prefix="aa4d-video-") as scratch:
         made = Path(scratch) / "video.mp4"
         _encode(images, made, even, fps, codec)
@@ -52,6 +53,8 @@ def _scene(size: tuple[int, int], frames: int, fps: float) -> Any:
     render.fps, render.fps_base = whole, whole / fps
     render.use_sequencer, render.use_file_extension = True, False
     scene.frame_start, scene.frame_end = 1, frames
+    for stamp in STAMPS:  # Blender writes them into the file: the date would make every video another
+        setattr(render, f"use_stamp_{stamp}", False)
     scene.view_settings.view_transform = "Standard"
     scene.sequencer_colorspace_settings.name = "sRGB"
     return scene

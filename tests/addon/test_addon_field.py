@@ -69,7 +69,8 @@ def test_clip_of_one_frame_has_time_zero(tmp_path: Path) -> None:
 def test_anchor_summary_weighs_by_opacity(tmp_path: Path) -> None:
     tensors, information = make_model(40)
     model = read_model(write_model(tmp_path / "model.safetensors", tensors, information))
-    values = carriers.evaluate(prepare(model), names.ANCHORS, 0.5)
+    wanted = (*names.SHAPE, *names.INSPECTION)
+    values = carriers.evaluate(prepare(model), names.ANCHORS, 0.5, model.camera_center_at(0.5), wanted)
     expected = evaluate(tensors, information, 0.5, model.camera_center_at(0.5))
     opacity = np.maximum(expected["opacities"], 0)
     np.testing.assert_allclose(values[names.OPACITY], opacity.max(axis=1), atol=1e-5)
