@@ -69,7 +69,7 @@ def set_up(context: bpy.types.Context, obj: bpy.types.Object, mode: str, *, sun:
         if old is not None:
             bpy.data.objects.remove(old)
     over_plate = mode == PLATE
-    look = obj.modifiers.get(names.LOOK_MODIFIER)
+    look = modifiers.of(obj, names.LOOK_MODIFIER)
     obj.is_holdout = over_plate
     obj.visible_shadow = not over_plate
     scene.render.film_transparent = over_plate

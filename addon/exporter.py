@@ -130,7 +130,7 @@ def _radius_group() -> bpy.types.NodeTree:
 def _bare(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
     """The object as points with their full shape and no look, and the timeline back where it was afterwards."""
     frame = scene.frame_current_final
-    look = obj.modifiers.get(names.LOOK_MODIFIER)
+    look = modifiers.of(obj, names.LOOK_MODIFIER)
     kind = modifiers.get(look, look_nodes.LOOK) if look is not None else None
     try:
         if look is not None and obj.aa4d.playback == "LIVE":

@@ -4,6 +4,15 @@ from typing import Any
 
 import bpy
 
+from . import names
+
+
+def of(obj: bpy.types.Object, name: str) -> bpy.types.Modifier | None:
+    """The object's modifier of this name, if it is still there and runs one of our groups."""
+    modifier = obj.modifiers.get(name)
+    group = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
+    return modifier if group is not None and group.get(names.VERSION_PROPERTY) else None
+
 
 def inputs_of(group: bpy.types.NodeTree) -> list[Any]:
     """The interface items of a group's inputs that a person sets, in order."""

@@ -199,8 +199,9 @@ class Bake(OnImportedObject, bpy.types.Operator):
             done, count = next(self.work)
         except StopIteration:
             return self._end(context, {"INFO"}, translated("Baked"), {"FINISHED"})
-        except ModelFileError as error:
-            return self._end(context, {"ERROR"}, str(error), {"CANCELLED"})
+        except (ModelFileError, MemoryError) as error:
+            message = str(error) or translated("There is not enough memory for this bake")
+            return self._end(context, {"ERROR"}, message, {"CANCELLED"})
         context.window_manager.progress_update(100 * done / count)
         context.workspace.status_text_set(translated("Baking {} of {}; Esc cancels").format(done, count))
         return {"RUNNING_MODAL"}
@@ -281,7 +282,7 @@ class FitLegend(OnImportedObject, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Fit the active object's legend."""
         obj = context.active_object
-        look = obj.modifiers.get(names.LOOK_MODIFIER)
+        look = modifiers.of(obj, names.LOOK_MODIFIER)
         values = None if look is None else shown_scalar(obj, look)
         if values is None or not len(values):
             self.report({"WARNING"}, translated("The colours do not show a quantity"))

@@ -72,7 +72,7 @@ class TimePanel(ObjectPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         obj, layout = context.active_object, self.layout
-        _draw_inputs(layout, obj.modifiers.get(names.TIME_MODIFIER), TIME_INPUTS)
+        _draw_inputs(layout, modifiers.of(obj, names.TIME_MODIFIER), TIME_INPUTS)
         row = layout.row(align=True)
         row.operator(operators.Bake.bl_idname, text="Bake")
         row.operator(operators.Bake.bl_idname, text="Bake Range").use_range = True
@@ -90,7 +90,7 @@ class LookPanel(ObjectPanel, bpy.types.Panel):
         """Draw the panel."""
         obj, layout = context.active_object, self.layout
         inputs = (look_nodes.LOOK, look_nodes.SIZE, look_nodes.LIT)
-        _draw_inputs(layout, obj.modifiers.get(names.LOOK_MODIFIER), inputs)
+        _draw_inputs(layout, modifiers.of(obj, names.LOOK_MODIFIER), inputs)
         if obj.aa4d.playback == "LIVE":
             layout.prop(obj.aa4d, "view")
             layout.operator(operators.FreezeView.bl_idname, icon="FREEZE")
@@ -106,8 +106,8 @@ class InspectionPanel(ObjectPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         obj, layout = context.active_object, self.layout
-        look = obj.modifiers.get(names.LOOK_MODIFIER)
-        if look is not None and look.node_group is not None:
+        look = modifiers.of(obj, names.LOOK_MODIFIER)
+        if look is not None:
             shown = modifiers.get(look, look_nodes.COLOR_BY)
             inputs = [look_nodes.COLOR_BY]
             if shown == "Plane Weight":
@@ -119,7 +119,7 @@ class InspectionPanel(ObjectPanel, bpy.types.Panel):
             _draw_inputs(layout, look, filters)
             if modifiers.get(look, look_nodes.CROP) != look_nodes.NO_CROP:
                 _draw_inputs(layout, look, (look_nodes.CROP_OBJECT,))
-        _draw_inputs(layout, obj.modifiers.get(names.TIME_MODIFIER), (time_nodes.TRAIL,))
+        _draw_inputs(layout, modifiers.of(obj, names.TIME_MODIFIER), (time_nodes.TRAIL,))
         _draw_inputs(layout, look, (look_nodes.TRAIL_DISTANCE,))
         layout.operator(operators.LabelActivity.bl_idname, icon="AUTO")
         layout.operator(operators.AddGrid.bl_idname, icon="MESH_GRID")
@@ -161,7 +161,7 @@ def _draw_inputs(
     layout: bpy.types.UILayout, modifier: bpy.types.Modifier | None, inputs: tuple[str, ...] | list[str]
 ) -> None:
     """The inputs of a modifier, if it is still there."""
-    if modifier is None or modifier.node_group is None:
+    if modifier is None:
         return
     column = layout.column(align=True)
     column.use_property_split = True

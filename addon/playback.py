@@ -112,15 +112,17 @@ def check_fits(obj: bpy.types.Object, loaded: Loaded) -> None:
 
 def clip_time_of(obj: bpy.types.Object, frames: int) -> ClipTime:
     """How the timeline maps to the clip for this object, or one to one where its time modifier was removed."""
-    modifier = obj.modifiers.get(names.TIME_MODIFIER)
-    return time_nodes.clip_time_of(modifier) if modifier is not None and modifier.node_group else ClipTime(frames)
+    modifier = modifiers.of(obj, names.TIME_MODIFIER)
+    return (
+        ClipTime(frames) if modifier is None else dataclasses.replace(time_nodes.clip_time_of(modifier), frames=frames)
+    )
 
 
 def wanted_of(obj: bpy.types.Object) -> frozenset[names.Attribute]:
     """What the object's look shows or filters by, beside what every look needs."""
     wanted: set[names.Attribute] = set(names.SHAPE) if obj.aa4d.carrier == names.GAUSSIANS else set()
-    modifier = obj.modifiers.get(names.LOOK_MODIFIER)
-    if modifier is None or modifier.node_group is None:
+    modifier = modifiers.of(obj, names.LOOK_MODIFIER)
+    if modifier is None:
         return frozenset(wanted)
     if modifiers.get(modifier, look_nodes.LOOK) != materials.POINTS:
         wanted.update(names.SHAPE)
@@ -192,13 +194,16 @@ def rows_of(mesh: bpy.types.Mesh) -> slice | np.ndarray:
 
 def trail_length(obj: bpy.types.Object) -> int:
     """How many ghosts the object shows."""
-    modifier = obj.modifiers.get(names.TIME_MODIFIER)
-    return modifiers.get(modifier, time_nodes.TRAIL) if modifier is not None and modifier.node_group else 0
+    modifier = modifiers.of(obj, names.TIME_MODIFIER)
+    return 0 if modifier is None else modifiers.get(modifier, time_nodes.TRAIL)
 
 
 def is_live(obj: bpy.types.Object) -> bool:
-    """Whether this object is evaluated here; not in edit mode, where the mesh belongs to the person."""
-    return obj.type == "MESH" and bool(obj.aa4d.filepath) and obj.aa4d.playback == "LIVE" and obj.mode != "EDIT"
+    """Whether this object is evaluated here; not in edit mode, where the mesh belongs to the person, nor where it
+    belongs to another file."""
+    if obj.type != "MESH" or not obj.aa4d.filepath or obj.library is not None or obj.data.library is not None:
+        return False
+    return obj.aa4d.playback == "LIVE" and obj.mode != "EDIT"
 
 
 def live_objects(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from . import names
+from .container import ModelFileError
 from .field import Indices
 
 # What each attribute type calls its value, and how many numbers it has.
@@ -54,5 +55,11 @@ def remove(mesh: bpy.types.Mesh, prefixes: tuple[str, ...]) -> None:
 
 
 def ids(mesh: bpy.types.Mesh) -> Indices:
-    """Which row of the model each vertex shows: vertices deleted or duplicated by hand stay in step."""
+    """Which row of the model each vertex shows: vertices deleted or duplicated by hand stay in step.
+
+    Raises:
+        ModelFileError: the attribute that says so was removed.
+    """
+    if names.ID.name not in mesh.attributes:
+        raise ModelFileError(f"{mesh.name} has lost its attribute {names.ID.name}; import the model anew.")
     return read(mesh, names.ID.name).astype(np.intp)

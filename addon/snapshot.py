@@ -28,7 +28,7 @@ class Snapshot:
 @contextmanager
 def without_look(obj: bpy.types.Object) -> Iterator[None]:
     """Switch the look off for a while: what is left of the object are its points and their attributes."""
-    look = obj.modifiers.get(names.LOOK_MODIFIER)
+    look = modifiers.of(obj, names.LOOK_MODIFIER)
     if look is None:
         yield
         return
@@ -59,8 +59,8 @@ def take(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Snapshot:
 
 def faintest(obj: bpy.types.Object) -> float:
     """The opacity below which the object's look draws nothing."""
-    look = obj.modifiers.get(names.LOOK_MODIFIER)
-    if look is None or look.node_group is None:
+    look = modifiers.of(obj, names.LOOK_MODIFIER)
+    if look is None:
         return 0.0
     return float(modifiers.get(look, look_nodes.MINIMUM_OPACITY))
 

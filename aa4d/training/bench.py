@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import statistics
 import tempfile
 import time
@@ -28,9 +29,9 @@ from aa4d.training.trainer import Run
 
 FRAMES = 16
 WARM_UP = 5
-PROFILED = 10
+PROFILED = 5
 
-# Names of profiled operations, by how they begin; what fits none is "other torch operations".
+# Names of profiled operations, by how they begin; what fits none is OTHER.
 PARTS = {
     "networks": ("_TwoLayer", "aten::mm", "aten::addmm"),
     "feature planes": ("_LookUp", "_PlanePenalty"),
@@ -39,7 +40,7 @@ PARTS = {
     "image loss": ("_ImageLoss",),
     "Adam": ("aten::_fused_adam_", "Optimizer."),
 }
-OTHER = "other torch operations"
+OTHER = "rest of torch"
 
 
 @dataclass(frozen=True)
@@ -88,15 +89,20 @@ def bench(
         seconds: of timed iterations, and again of timed frames, for each workload.
     """
     console = console or Console()
-    rows = {}
-    for workload in (standard, *growth):
+    os.environ.setdefault("KINETO_LOG_LEVEL", "5")  # the profiler tells when it starts and stops
+    rows: dict[Workload, Row] = {}
+
+    def measured(workload: Workload) -> Row:
         if workload not in rows:
             with console.status(f"{workload.anchors} anchors at {workload.width}x{workload.height}"):
                 rows[workload] = measure(workload, seconds)
-    row = rows[standard]
+        return rows[workload]
+
+    row = measured(standard)
+    console.print(_summary(row), highlight=False)
     console.print(_parts_table(row))
     if growth:
-        console.print(_growth_table([rows[workload] for workload in growth]))
+        console.print(_growth_table([measured(workload) for workload in growth]))
     result = {
         **asdict(row),
         "iteration_ms": row.iteration_ms,
@@ -211,14 +217,18 @@ def _peak_mib() -> float:
     return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM:"))
 
 
-def _parts_table(row: Row) -> Table:
-    table = Table(
-        title=f"{row.anchors} anchors of 10 Gaussians, {row.width}x{row.height}, {torch.get_num_threads()} threads, "
-        f"{_native.instruction_set()}",
-        caption=f"{row.iterations_per_second:.1f} iterations/s ({row.iteration_ms:.1f} ms, "
-        f"{row.iteration_ms / row.kernels_ms:.2f} x the sum of its kernels), {row.render_fps:.0f} rendered frames/s, "
-        f"peak {row.peak_mib:.0f} MiB",
+def _summary(row: Row) -> str:
+    return (
+        f"{row.anchors} anchors of 10 Gaussians, {row.width}x{row.height}, {torch.get_num_threads()} threads, "
+        f"{_native.instruction_set()}:\n"
+        f"{row.iterations_per_second:.1f} iterations/s ({row.iteration_ms:.1f} ms, "
+        f"{row.iteration_ms / row.kernels_ms:.2f} x the sum of its kernels),\n"
+        f"{row.render_fps:.0f} rendered frames/s, peak {row.peak_mib:.0f} MiB"
     )
+
+
+def _parts_table(row: Row) -> Table:
+    table = Table()
     table.add_column("part of an iteration")
     table.add_column("ms", justify="right")
     table.add_column("share", justify="right")
@@ -229,8 +239,8 @@ def _parts_table(row: Row) -> Table:
 
 def _growth_table(rows: Sequence[Row]) -> Table:
     table = Table(title="How it grows")
-    for column in ("anchors", "image", "iterations/s", "ms", "frames/s", "peak MiB", "largest part"):
-        table.add_column(column, justify="right")
+    for column in ("anchors", "image", "iter./s", "ms", "fps", "peak MiB", "largest part"):
+        table.add_column(column, justify="right", no_wrap=True)
     for row in rows:
         part, share = max(row.parts.items(), key=lambda item: item[1])
         table.add_row(

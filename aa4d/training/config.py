@@ -1,9 +1,9 @@
 """Every training setting and its preset, each with where it comes from.
 
 [paper] is stated there. [Scaffold-GS], [4D-GS] and [MoDec-GS] are the values of those methods' published code, the
-paper's own base and its nearest neighbours. [chosen] was settled here; what was measured for it stands in
-docs/training.md. Learning rates and sizes hold in the model frame (aa4d/capture/frame.py), where the scene is at unit
-depth: none of them depends on metres.
+paper's own base and its nearest neighbours. [chosen] was settled here; `aa4d sweep` compares other values of DACW's
+settings, of the time planes' rows and of the embeddings' start. Learning rates and sizes hold in the model frame
+(aa4d/capture/frame.py), where the scene is at unit depth: none of them depends on metres.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class TrainingConfig:
     fine_iterations: int
     seed: int = 0
     voxel_px: float = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
-    embedding_std: float = 0.01  # [chosen] of the embeddings at the start; large ones cost a decibel and more
+    embedding_std: float = 0.01  # [chosen] of the embeddings at the start
     checkpoint_every: int = 500  # iterations; a killed run repeats at most so many
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification = field(default_factory=Densification)

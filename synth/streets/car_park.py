@@ -144,5 +144,6 @@ class CarPark(Corners, CycleLanes, Sizes):
                                     (inner, edge + 0.05))))  # fmt: skip
         rows = [row for name in ("east", "west") for row in arm_rows(shape.arms[name], stem + 8.0)]
         rows += [Row((-wide, inside), (-wide, far)), Row((-wide, far), (wide, far)), Row((wide, far), (wide, inside))]
-        plots = dict(ground.plots) | {"north-east": (1.0, far + 4.5), "north-west": (-1.0, far + 4.5)}
+        beside, behind = wide + 6.0, half + self.pavement_width_m + 1.0
+        plots = dict(ground.plots) | {"north-east": (beside, behind), "north-west": (-beside, behind)}
         return replace(ground, islands=(north, south), paint=tuple(paint), plots=plots, rows=tuple(rows))

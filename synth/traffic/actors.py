@@ -15,9 +15,10 @@ STRAIGHT = Shift(0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Wait:
-    """Where a walker waits, and the crossing behind it: arc lengths on its path."""
+    """Where a walker waits, and the crossing behind it from kerb to kerb: arc lengths on its path."""
 
     at_m: float
+    kerb_m: float
     end_m: float
     crossing: int
 
@@ -77,7 +78,7 @@ class Walker:
         self.number, self.path, self.position, self.cruise, self.wait = number, path, position, cruise, wait
         self.speed = cruise
         self.crossing_now = False
-        self.kerbs_m = (wait.at_m, wait.end_m) if wait else (math.nan, math.nan)
+        self.kerbs_m = (wait.kerb_m, wait.end_m) if wait else (math.nan, math.nan)
 
     def waiting(self) -> bool:
         """Is at the kerb, or about to be there, and has not set off."""

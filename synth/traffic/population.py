@@ -18,7 +18,7 @@ PARKED_KINDS: tuple[tuple[Kind, float], ...] = (("hatchback", 0.40), ("saloon", 
 CAR_KINDS: tuple[tuple[Kind, float], ...] = (("hatchback", 0.38), ("saloon", 0.34), ("suv", 0.28))
 CRUISE_MPS = 9.0  # of those who leave and arrive
 MANOEUVRE_S = 2.0  # longer than at that speed, to pull in
-WAIT_M = 0.45  # from the kerb to where people wait
+WAIT_M = (0.4, 1.5)  # from the kerb to where people wait
 
 
 @dataclass(frozen=True)
@@ -266,8 +266,8 @@ def _walkers(network: Network, people: Pedestrians, seed: int, duration_s: float
         kerb = before + away - 0.5 * (2 - 0.5 * math.pi)
         cruise = people.speed_mps * float(np.clip(rng.normal(1, 0.12), 0.7, 1.4))
         # Some are at the kerb when the clip starts, others come later.
-        start = kerb - WAIT_M - 0.1 - float(rng.uniform(0.0, 0.6)) * duration_s * cruise - early_s * cruise
-        wait = Wait(kerb - WAIT_M, kerb + crossing.length_m, index)
+        start = kerb - WAIT_M[1] - 0.1 - float(rng.uniform(0.0, 0.6)) * duration_s * cruise - early_s * cruise
+        wait = Wait(kerb - float(rng.uniform(*WAIT_M)), kerb, kerb + crossing.length_m, index)
         walkers.append(Walker(number, path, start, cruise, wait))
     for number in range(people.strolling if network.walks else 0):
         path = network.walks[int(rng.integers(len(network.walks)))]

@@ -774,3 +774,25 @@ def test_activity_of_the_capture_colours_the_anchors(bpy: Any, tmp_path: Path) -
     shutil.rmtree(capture)
     with pytest.raises(RuntimeError, match="is not beside it"):
         bpy.ops.aa4d.label_activity()
+
+
+def test_what_a_person_took_apart_gives_no_traceback(bpy: Any, model_path: Path, capfd: Any) -> None:
+    obj = imported(bpy, model_path)
+    expected = clip_positions(bpy, obj, [2])[0]
+    go_to(bpy, 1)
+    foreign = bpy.data.node_groups.new("foreign", "GeometryNodeTree")
+    for modifier in obj.modifiers:
+        modifier.node_group = foreign
+    capfd.readouterr()
+    go_to(bpy, 3)
+    np.testing.assert_array_equal(attribute(obj.data, "position"), expected)
+    assert bpy.ops.aa4d.bake() == {"FINISHED"}
+    assert bpy.ops.aa4d.free_bake() == {"FINISHED"}
+    obj.modifiers.clear()
+    go_to(bpy, 2)
+    obj.data.attributes.remove(obj.data.attributes["aa_id"])
+    go_to(bpy, 3)
+    go_to(bpy, 4)
+    output = "".join(capfd.readouterr())
+    assert output.count("has lost its attribute aa_id") == 1
+    assert "Traceback" not in output

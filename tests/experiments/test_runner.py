@@ -112,7 +112,7 @@ def test_a_stopped_or_killed_sweep_leaves_no_process_and_continues(
     out = tmp_path / "sweep"
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     process = subprocess.Popen(
-        command(toy_capture, out, 120), env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        command(toy_capture, out, 200), env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     wait_for(out / "capture/1.5-bins/seed0/coarse.safetensors")
     process.send_signal(how)
@@ -123,12 +123,12 @@ def test_a_stopped_or_killed_sweep_leaves_no_process_and_continues(
         assert (out / "capture/1.5-bins/seed0/model.safetensors").exists()
     # The lock of a run is free once its process is gone; else the same command would be refused.
     result = subprocess.run(
-        command(toy_capture, out, 120), env=environment, capture_output=True, text=True, timeout=180
+        command(toy_capture, out, 200), env=environment, capture_output=True, text=True, timeout=180
     )
     if how == signal.SIGKILL and "another process is training there" in result.stderr:
         time.sleep(2)
         result = subprocess.run(
-            command(toy_capture, out, 120), env=environment, capture_output=True, text=True, timeout=180
+            command(toy_capture, out, 200), env=environment, capture_output=True, text=True, timeout=180
         )
     assert result.returncode == 0, result.stderr
     assert (out / "table.md").read_text().count("±") == 0
