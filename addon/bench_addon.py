@@ -23,7 +23,7 @@ import numpy as np
 FRAMES = 12
 REPEATS = 5
 SIZES = {"K": 10, "F": 32, "E": 32, "C": 16, "B": 64}  # of the default configuration
-CASES = ((20_000, "ANCHORS"), (100_000, "ANCHORS"), (20_000, "GAUSSIANS"), (100_000, "GAUSSIANS"))
+ANCHORS = (20_000, 100_000)  # and ten times as many local Gaussians
 
 
 def random_model(path: Path, anchors: int) -> None:
@@ -258,18 +258,17 @@ def main() -> int:
     parser.add_argument("--extension", type=Path, required=True, help="the zip that build_extension.py wrote")
     parser.add_argument("--json", type=Path, required=True, help="where to write the rows")
     parser.add_argument("--model", type=Path, help="a trained model, for accuracy against time")
-    parser.add_argument("--largest", type=int, default=100_000, help="leave out models with more anchors")
+    parser.add_argument("--anchors", type=int, nargs="+", default=ANCHORS, help="how many anchors the models have")
     options = parser.parse_args()
     result: dict[str, Any] = {"load_before": os.getloadavg(), "cpus": os.cpu_count(), "rows": []}
     with tempfile.TemporaryDirectory() as scratch, extension(options.extension) as module:
         import bpy
 
         result["blender"] = bpy.app.version_string
-        for anchors, carrier in CASES:
-            if anchors <= options.largest:
-                path = Path(scratch, f"{anchors}.safetensors")
-                if not path.exists():
-                    random_model(path, anchors)
+        for anchors in options.anchors:
+            path = Path(scratch, f"{anchors}.safetensors")
+            random_model(path, anchors)
+            for carrier in ("ANCHORS", "GAUSSIANS"):
                 print(f"measuring {anchors:,} anchors as {carrier.lower()} ...", file=sys.stderr, flush=True)
                 result["rows"].append(measure(module, path, carrier, Path(scratch)))
         if options.model is not None:

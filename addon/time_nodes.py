@@ -8,7 +8,7 @@ import bpy
 from . import clip_time, modifiers, names
 from .node_tree import Tree, socket, versioned_group
 
-VERSION = 3
+VERSION = 4
 START, SPEED, REVERSE, OUTSIDE = "Start Frame", "Speed", "Reverse", "Outside the Clip"
 BY_HAND, TIME = "Set Time by Hand", "Time"
 TRAIL = "Trail"
@@ -26,6 +26,7 @@ MIX_TYPES = {
     "BYTE_COLOR": "RGBA",
     "QUATERNION": "ROTATION",
 }
+SWITCH_TYPES = {"FLOAT": "FLOAT", "FLOAT_VECTOR": "VECTOR", "FLOAT_COLOR": "RGBA", "QUATERNION": "ROTATION"}
 
 
 def live_group() -> bpy.types.NodeTree:
@@ -58,15 +59,16 @@ def baked_group(attributes: Collection[names.Attribute]) -> bpy.types.NodeTree:
     low = tree.math("FLOOR", place)
     high = tree.math("MINIMUM", tree.math("ADD", low, 1.0), last)
     fraction = tree.math("SUBTRACT", place, low)
+    between = tree.compare(fraction, "GREATER_THAN", 1e-5)  # on a key there is nothing to mix: half the work
     geometry = _trail(tree, tree.input("Geometry"), low)
     geometry = tree.store(geometry, names.TRAIL, tree.input(TRAIL))
     for key in keys:
         mix = tree.node("ShaderNodeMix", data_type=MIX_TYPES[key.type])
         tree.set(socket(mix.inputs, "Factor"), fraction)
-        for number, side in ((low, "A"), (high, "B")):
-            value = tree.named(tree.numbered(key.prefix, 4, number), key.attribute.type)
-            tree.set(socket(mix.inputs, side), value)
-        value = socket(mix.outputs, "Result")
+        at_low, at_high = (tree.named(tree.numbered(key.prefix, 4, n), key.attribute.type) for n in (low, high))
+        tree.set(socket(mix.inputs, "A"), at_low)
+        tree.set(socket(mix.inputs, "B"), at_high)
+        value = tree.switch(SWITCH_TYPES[key.attribute.type], between, at_low, socket(mix.outputs, "Result"))
         if key.attribute == names.POSITION:
             geometry = tree.node("GeometryNodeSetPosition", {"Geometry": geometry, "Position": value}).outputs[0]
         else:
