@@ -28,6 +28,7 @@ def plot(measured: Path, picture: Path) -> None:
     traffic.set(xscale="log", yscale="log", xlabel="step (s)", ylabel="position error (m)", title="traffic simulation")
     traffic.legend()
     blur.plot([r["steps"] for r in found["motion_blur"]], [r["psnr_db"] for r in found["motion_blur"]], "o-")
+    blur.set_xticks([row["steps"] for row in found["motion_blur"]])
     blur.set(xlabel="steps (motion in 2^steps pieces)", ylabel="PSNR (dB)", title="motion blur")
     _bars(effects, found["effects"])
     figure.savefig(picture, dpi=110)

@@ -6,8 +6,8 @@ from synth.effects import STAGES
 from synth.plan import Plan
 from synth.truth import ALWAYS
 
-# Rough: seconds of one core for a million pixels, measured with the crossroads scene (docs/effects.md says how).
-PICTURE_S, SAMPLE_S, DENOISE_S, TRUTH_S = 6.0, 2.6, 12.0, 4.0
+# Rough: seconds of one core for a million pixels, from the cost.json of captures of scenes/crossroads.toml.
+PICTURE_S, SAMPLE_S, DENOISE_S, TRUTH_S = 10.0, 4.0, 15.0, 5.0
 
 
 def explain(plan: Plan) -> str:

@@ -32,6 +32,8 @@ blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/c
 ```
 
 The same file, seed and version of Blender give the same frames, byte for byte.
+
+![A frame of each of the ten arc scenes](images/arcs.jpg)
 """
 TAIL = """\
 ## What traffic does

@@ -267,19 +267,21 @@ def test_lane_changes_are_smooth_and_lead_past_slow_traffic() -> None:
 
 
 def test_parked_vehicles_leave_and_others_arrive(scene: Scene) -> None:
-    busy = replace(scene, vehicles=(), parking=Parking(leaving=2, arriving=2), traffic=Traffic(step_s=0.05))
+    quiet = replace(scene, vehicles=(), signal=None, traffic=Traffic(step_s=0.05))
+    busy = replace(quiet, parking=Parking(leaving=2, arriving=3))
     fleet = make_fleet(busy, 24.0)
     speeds = np.array([fleet.speed_mps(t) for t in np.linspace(0, 24, 121)])
     names = [instance.name for instance in fleet.instances]
     leaving = [m for m, name in enumerate(names) if name.startswith("leaving")]
     arriving = [m for m, name in enumerate(names) if name.startswith("arriving")]
-    assert len(leaving) == len(arriving) == 2
+    assert (len(leaving), len(arriving)) == (2, 3)
     assert (speeds[0, leaving] == 0).all()
     assert (speeds[:, leaving].max(axis=0) > 5).all()
     assert (speeds[:, arriving].max(axis=0) > 5).all()
-    assert (speeds[-1, arriving] == 0).all()
-    kerb = STREET.ground(True).plots  # behind the pavement: nobody parks there
-    for m in arriving:
+    parked = [m for m in arriving if speeds[-1, m] == 0]
+    assert len(parked) >= 2  # the others are still on their way when the clip ends
+    kerb = STREET.ground(False).plots  # behind the pavement: nobody parks there
+    for m in parked:
         x, y = np.abs(fleet.object_to_world(24.0)[m, :2, 3])
         assert 3.2 < min(x, y) < abs(kerb["north-east"][0]) - 3.0
 
