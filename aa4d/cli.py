@@ -10,6 +10,7 @@ import tyro
 from rich.console import Console
 
 from aa4d.commands.bench import bench
+from aa4d.commands.capture import capture
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
 from aa4d.commands.synth import synth
@@ -27,6 +28,7 @@ os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "synth": synth,
+    "capture": capture,
     "train": train,
     "eval": evaluate,
     "demo": demo,

@@ -1,0 +1,48 @@
+"""SIFT features of every frame (COLMAP, on the CPU), none where something moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from aa4d.capture.clip import Clip
+from aa4d.capture.colmap import count, run_watched
+from aa4d.capture.settings import Reconstruction
+from aa4d.capture.workspace import Progress
+
+
+def extract(
+    clip: Clip, masks: Path | None, settings: Reconstruction, threads: int, folder: Path, progress: Progress
+) -> dict[str, Any]:
+    """Write `database.db` into `folder`; frames that it holds already are left as they are.
+
+    All frames are of one camera, its focal length guessed from EXIF or from the picture's width until it is solved for.
+    """
+    database = folder / "database.db"
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = threads
+    options.max_image_size = settings.longest_px
+    options.sift.max_num_features = settings.features
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = settings.camera_model
+    if masks is not None:
+        reader.mask_path = masks
+    names = [frame.file for frame in clip.frames]
+    run_watched(
+        lambda token: pycolmap.extract_features(
+            database,
+            clip.folder,
+            image_names=names,
+            camera_mode=pycolmap.CameraMode.SINGLE,
+            reader_options=reader,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+            cancellation_token=token,
+        ),
+        lambda: progress(count(str(database), "keypoints"), len(names)),
+    )
+    with pycolmap.Database.open(database) as opened:
+        found = {image.name: opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()}
+    return {"features": [found.get(name, 0) for name in names]}
