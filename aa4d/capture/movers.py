@@ -99,7 +99,11 @@ class EpipolarMotion:
 
     def mask(self, index: int) -> Mask:
         """[H, W] at the clip's size: what disagrees with the background in both directions of time."""
+        # The first and the last frame have neighbours on one side: two different ones stand in.
         found = [r for r in (self._towards(index, -1), self._towards(index, +1)) if r is not None]
+        if len(found) == 1:
+            further = self._towards(index, -1 if index else +1, nearest=2)
+            found += [] if further is None else [further]
         size = (self.clip.width, self.clip.height)
         if not found:
             return np.zeros(size[::-1], bool)
@@ -112,7 +116,7 @@ class EpipolarMotion:
 
     def _picture(self, index: int) -> NDArray[np.uint8]:
         if index not in self._grey:
-            for far in [i for i in self._grey if abs(i - index) > FARTHEST]:
+            for far in [i for i in self._grey if abs(i - index) > FARTHEST + 1]:
                 del self._grey[far]
             data = np.fromfile(self.clip.folder / self.clip.frames[index].file, np.uint8)
             grey = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
@@ -120,10 +124,10 @@ class EpipolarMotion:
             self._grey[index] = np.asarray(cv2.resize(grey, None, fx=self.scale, fy=self.scale, interpolation=kind))
         return self._grey[index]
 
-    def _towards(self, index: int, direction: int) -> Floats | None:
+    def _towards(self, index: int, direction: int, nearest: int = 1) -> Floats | None:
         """Pixels of disagreement with the nearest frame before or after to which the background has moved enough."""
         flow, here = None, self._picture(index)
-        for step in range(1, FARTHEST + 1):
+        for step in range(nearest, nearest + FARTHEST):
             other = index + direction * step
             if not 0 <= other < len(self.clip.frames):
                 break
