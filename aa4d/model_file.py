@@ -16,12 +16,13 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from aa4d import __version__
-from aa4d.anchors.canonical import Anchors
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture
 from aa4d.errors import InputError
+from aa4d.field.aggregation import AGGREGATIONS
+from aa4d.field.warping import CoordinateWarp
 from aa4d.files import whole_file
-from aa4d.model import AdaAnchor4D, ModelConfig
+from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
 
 MODEL_VERSION = 1
 
@@ -42,7 +43,7 @@ class LoadedModel:
 
 def file_name_of(parameter: str) -> str:
     """The tensor's name in the file for a name in the module's state."""
-    return parameter.replace("decoder.", "decoder_", 1)
+    return parameter.replace("decoder.", "decoder_", 1).replace("aggregation.predictor.", "acfa.", 1)
 
 
 def save_model(
@@ -68,9 +69,9 @@ def save_model(
             "plane_dim": c.plane_dim,
             "levels": len(c.spatial_resolutions),
             "bins": c.bins,
-            "aggregation": "acfa",
-            "dlgd": True,
-            "dacw": True,
+            "aggregation": c.aggregation,
+            "dlgd": c.dlgd,
+            "dacw": c.dacw,
         },
         "model_to_world": frame.matrix().tolist(),
         "fps": capture.fps,
@@ -98,8 +99,7 @@ def load_model(path: Path) -> LoadedModel:
     header, tensors = read_tensors(path)
     config = _config(header, tensors, path)
     n = len(_tensor(tensors, "anchors.position", path))
-    anchors = Anchors(torch.zeros(n, 3), torch.zeros(n, 6), config.offsets, config.feature_dim, config.embedding_dim)
-    model = AdaAnchor4D(config, anchors)
+    model = blank_model(config, n)
     state = {name: _tensor(tensors, file_name_of(name), path) for name in model.state_dict()}
     for name, value in state.items():
         if not torch.isfinite(value).all():
@@ -109,6 +109,8 @@ def load_model(path: Path) -> LoadedModel:
     except RuntimeError as error:
         reason = str(error).splitlines()[-1].strip()
         raise InputError(f"{path}: the tensors do not fit the header's configuration ({reason})") from None
+    if not config.dacw and not torch.equal(model.warp.boundaries, CoordinateWarp(config.bins).boundaries):
+        raise InputError(f"{path}: the header says dacw false, but warp.boundaries are not uniform; train it again")
     try:
         return LoadedModel(
             path=path,
@@ -152,9 +154,13 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
     """Sizes that the header does not state stand in the tensors' shapes."""
     try:
         value = header["config"]
-        variant = (value["aggregation"], value["dlgd"], value["dacw"])
-        if variant != ("acfa", True, True):
-            raise InputError(f"{path}: a model variant {variant} that this aa4d does not know; update aa4d")
+        aggregation = value.get("aggregation", "acfa")
+        if aggregation not in AGGREGATIONS:
+            raise InputError(
+                f"{path}: aggregation {aggregation!r} is unknown (known: {', '.join(AGGREGATIONS)}); update aa4d"
+            )
+        dlgd, dacw = _switch(value, "dlgd", path), _switch(value, "dacw", path)
+        has_predictor = "acfa.hidden.bias" in tensors
         levels = range(int(value["levels"]))
         planes = [_tensor(tensors, f"field.planes.{level}.xt", path) for level in levels]
         return ModelConfig(
@@ -164,14 +170,27 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
             plane_dim=int(value["plane_dim"]),
             spatial_resolutions=tuple(p.shape[2] for p in planes),
             temporal_resolution=planes[0].shape[1],
+            dlgd=dlgd,
+            dacw=dacw,
             bins=int(value["bins"]),
-            weight_hidden=len(_tensor(tensors, "acfa.hidden.bias", path)),
-            geometry_hidden=len(_tensor(tensors, "dlgd_scale.hidden.bias", path)),
+            weight_hidden=len(tensors["acfa.hidden.bias"]) if has_predictor else ModelConfig.weight_hidden,
+            geometry_hidden=len(_tensor(tensors, "dlgd_scale.hidden.bias", path))
+            if dlgd
+            else ModelConfig.geometry_hidden,
             encoder_width=len(_tensor(tensors, "encoder.bias", path)),
             decoder_hidden=len(_tensor(tensors, "decoder_opacity.hidden.bias", path)),
+            aggregation=aggregation,
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: the header's config is incomplete ({error!r}); train the model again") from None
+
+
+def _switch(config: dict[str, Any], name: str, path: Path) -> bool:
+    """A part of the model that can be off; a file that does not say has it."""
+    value = config.get(name, True)
+    if not isinstance(value, bool):
+        raise InputError(f"{path}: config.{name} is {value!r}, expected true or false; train the model again")
+    return value
 
 
 def _frame(value: Any) -> ModelFrame:

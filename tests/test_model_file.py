@@ -14,22 +14,18 @@ from aa4d.anchors.canonical import Anchors
 from aa4d.capture.frame import frame_of
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
-from aa4d.model import AdaAnchor4D, ModelConfig
+from aa4d.field.aggregation import AGGREGATIONS
+from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
 from aa4d.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model
 
 CONFIG = ModelConfig(offsets=3, plane_dim=4, spatial_resolutions=(5, 9), temporal_resolution=6)
 
 
-@pytest.fixture
-def model_path(toy_capture: Path, tmp_path: Path) -> Path:
-    torch.manual_seed(0)
-    capture = read_capture(toy_capture)
-    anchors = Anchors(torch.randn(7, 3), torch.randn(7, 6), 3, 32, 32)
-    path = tmp_path / "run" / "model.safetensors"
-    path.parent.mkdir()
+def write_model(path: Path, model: AdaAnchor4D, capture_folder: Path) -> Path:
+    capture = read_capture(capture_folder)
     save_model(
         path,
-        AdaAnchor4D(CONFIG, anchors),
+        model,
         stage="fine",
         capture=capture,
         frame=frame_of(capture),
@@ -37,6 +33,15 @@ def model_path(toy_capture: Path, tmp_path: Path) -> Path:
         training={"seconds": 1.0},
     )
     return path
+
+
+@pytest.fixture
+def model_path(toy_capture: Path, tmp_path: Path) -> Path:
+    torch.manual_seed(0)
+    anchors = Anchors(torch.randn(7, 3), torch.randn(7, 6), 3, 32, 32)
+    path = tmp_path / "run" / "model.safetensors"
+    path.parent.mkdir()
+    return write_model(path, AdaAnchor4D(CONFIG, anchors), toy_capture)
 
 
 def rewrite_header(path: Path, change: Any) -> None:
@@ -148,9 +153,25 @@ def test_an_incomplete_configuration_is_refused(model_path: Path) -> None:
         load_model(model_path)
 
 
+@pytest.mark.parametrize("name", AGGREGATIONS)
+def test_every_aggregation_survives_the_file(toy_capture: Path, tmp_path: Path, name: str) -> None:
+    config = replace(CONFIG, aggregation=name)
+    model = AdaAnchor4D(config, Anchors(torch.randn(4, 3), torch.randn(4, 6), 3, 32, 32))
+    path = write_model(tmp_path / "model.safetensors", model, toy_capture)
+    loaded = load_model(path).model
+    assert loaded.config == config
+    for parameter, value in model.state_dict().items():
+        assert torch.equal(value, loaded.state_dict()[parameter]), parameter
+
+
+def test_a_file_without_an_aggregation_is_acfa(model_path: Path) -> None:
+    rewrite_header(model_path, lambda h: h["config"].pop("aggregation"))
+    assert load_model(model_path).model.config.aggregation == "acfa"
+
+
 def test_an_unknown_variant_is_refused(model_path: Path) -> None:
-    rewrite_header(model_path, lambda h: h["config"].update(aggregation="product"))
-    with pytest.raises(InputError, match=r"variant .*'product'"):
+    rewrite_header(model_path, lambda h: h["config"].update(aggregation="attention"))
+    with pytest.raises(InputError, match=r"aggregation 'attention' is unknown .*product"):
         load_model(model_path)
 
 
@@ -188,3 +209,34 @@ def test_a_failed_write_leaves_the_old_file(model_path: Path, toy_capture: Path)
         )
     assert model_path.read_bytes() == before
     assert sorted(p.name for p in model_path.parent.iterdir()) == ["model.safetensors"]
+
+
+@pytest.mark.parametrize(("dlgd", "dacw"), [(False, True), (True, False), (False, False)])
+def test_switched_off_parts_survive_the_file(toy_capture: Path, tmp_path: Path, dlgd: bool, dacw: bool) -> None:
+    config = replace(CONFIG, dlgd=dlgd, dacw=dacw)
+    model = blank_model(config, 4)
+    torch.nn.init.normal_(model.anchors.feature)
+    path = write_model(tmp_path / "model.safetensors", model, toy_capture)
+    loaded = load_model(path).model
+    assert loaded.config == config
+    assert torch.equal(loaded.anchors.feature, model.anchors.feature)
+    _, tensors = read_tensors(path)
+    assert any(name.startswith("dlgd_") for name in tensors) == dlgd
+    assert ("anchors.embedding_offset" in tensors) == dlgd
+
+
+def test_a_file_that_does_not_say_has_dlgd_and_dacw(model_path: Path) -> None:
+    rewrite_header(model_path, lambda h: (h["config"].pop("dlgd"), h["config"].pop("dacw")))
+    assert load_model(model_path).model.config == CONFIG
+
+
+def test_a_switch_that_disagrees_with_the_tensors_is_refused(toy_capture: Path, tmp_path: Path) -> None:
+    model = blank_model(CONFIG, 4)
+    model.warp.boundaries[:, 1:-1] *= 0.9
+    path = write_model(tmp_path / "model.safetensors", model, toy_capture)
+    rewrite_header(path, lambda h: h["config"].update(dacw=False))
+    with pytest.raises(InputError, match="says dacw false"):
+        load_model(path)
+    rewrite_header(path, lambda h: h["config"].update(dacw="off"))
+    with pytest.raises(InputError, match=r"config\.dacw is 'off'"):
+        load_model(path)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from torch import Tensor, nn
 
+EMBEDDINGS = ("embedding_acfa", "embedding_offset", "embedding_scale")
+
 
 class Anchors(nn.Module):
     """N anchors: centre, feature, K offsets, six log scales and the embeddings of ACFA and DLGD.
@@ -19,26 +21,37 @@ class Anchors(nn.Module):
 
     position: Tensor  # [N, 3] model frame
 
-    def __init__(self, position: Tensor, log_scale: Tensor, offsets: int, feature_dim: int, embedding_dim: int) -> None:
+    def __init__(
+        self,
+        position: Tensor,  # [N, 3]
+        log_scale: Tensor,  # [N, 6]
+        offsets: int,
+        feature_dim: int,
+        embedding_dim: int,
+        *,
+        embeddings: tuple[str, ...] = EMBEDDINGS,
+        embedding_std: float = 0.0,
+    ) -> None:
+        """`embeddings`: those that the model reads; the others are None. They start at N(0, `embedding_std`)."""
         super().__init__()
         n = len(position)
         self.register_buffer("position", position)
         self.feature = nn.Parameter(torch.zeros(n, feature_dim))
         self.offset = nn.Parameter(torch.zeros(n, offsets, 3))
-        self.log_scale = nn.Parameter(log_scale)  # [N, 6]
-        # The paper does not say how embeddings start; small noise lets anchors that share everything else differ.
+        self.log_scale = nn.Parameter(log_scale)
         for name in EMBEDDINGS:
-            self.register_parameter(name, nn.Parameter(0.01 * torch.randn(n, embedding_dim)))
+            owned = nn.Parameter(embedding_std * torch.randn(n, embedding_dim)) if name in embeddings else None
+            self.register_parameter(name, owned)
 
     def __len__(self) -> int:
         return len(self.position)
 
     def rows(self, index: Tensor | None = None) -> AnchorRows:
         """All anchors, or those at `index` [M]."""
-        names = [field.name for field in fields(AnchorRows)]
-        if index is None:
-            return AnchorRows(*(getattr(self, name) for name in names))
-        return AnchorRows(*(getattr(self, name).index_select(0, index) for name in names))
+        owned = {field.name: getattr(self, field.name) for field in fields(AnchorRows)}
+        if index is not None:
+            owned = {name: None if v is None else v.index_select(0, index) for name, v in owned.items()}
+        return AnchorRows(**owned)
 
 
 @dataclass(frozen=True)
@@ -50,11 +63,8 @@ class AnchorRows:
     offset: Tensor
     log_scale: Tensor
     embedding_acfa: Tensor
-    embedding_offset: Tensor
-    embedding_scale: Tensor
-
-
-EMBEDDINGS = ("embedding_acfa", "embedding_offset", "embedding_scale")
+    embedding_offset: Tensor | None  # None without DLGD
+    embedding_scale: Tensor | None
 
 
 def voxel_centres(points: NDArray[np.float64], voxel: float) -> NDArray[np.float64]:

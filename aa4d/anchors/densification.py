@@ -20,10 +20,9 @@ class Statistics:
     drawn: Tensor  # [N, K] iterations in which the Gaussian was drawn
 
     @staticmethod
-    def zeros(anchors: int, offsets: int) -> Statistics:
-        return Statistics(
-            torch.zeros(anchors), torch.zeros(anchors), torch.zeros(anchors, offsets), torch.zeros(anchors, offsets)
-        )
+    def zeros(anchors: int, offsets: int, device: torch.device | None = None) -> Statistics:
+        one, each = torch.zeros(anchors, device=device), torch.zeros(anchors, offsets, device=device)
+        return Statistics(one, one.clone(), each, each.clone())
 
     def add(self, visible: Tensor, gaussians: Gaussians, rendering: Rendering) -> None:
         """After the backward pass of one image, in which the anchors `visible` [M] were rendered."""
@@ -88,6 +87,7 @@ def grow(
         centres: [N, K, 3] canonical centres of their local Gaussians.
         min_drawn: iterations that a Gaussian must have been drawn in for its statistic to count.
         limit: at most so many new anchors.
+        generator: on the CPU, so that every device draws alike.
     """
     gradient = statistics.gradient / statistics.drawn.clamp_min(1)
     counted = statistics.drawn > min_drawn
@@ -96,7 +96,7 @@ def grow(
     room = limit
     for level in range(levels):
         edge = voxel * max(voxel_factor / 4**level, 1)
-        keep = torch.rand(gradient.shape, generator=generator) < 1 - 0.5 ** (level + 1)
+        keep = (torch.rand(gradient.shape, generator=generator) < 1 - 0.5 ** (level + 1)).to(position.device)
         candidates = (gradient >= gradient_threshold * 2**level) & counted & keep
         found = _empty_voxels(centres, gradient, candidates, occupied, edge)
         found = Growth(found.position[:room], found.voxel[:room], found.parent[:room])
@@ -105,7 +105,8 @@ def grow(
             occupied = torch.cat([occupied, found.position])
             room -= len(found.parent)
     if not grown:
-        return Growth(position.new_zeros(0, 3), position.new_zeros(0), torch.zeros(0, dtype=torch.long))
+        nobody = torch.zeros(0, dtype=torch.long, device=position.device)
+        return Growth(position.new_zeros(0, 3), position.new_zeros(0), nobody)
     return Growth(
         torch.cat([g.position for g in grown]),
         torch.cat([g.voxel for g in grown]),
@@ -119,11 +120,11 @@ def _empty_voxels(centres: Tensor, gradient: Tensor, candidates: Tensor, occupie
     strength, order = gradient[anchor, offset].sort(descending=True, stable=True)
     anchor, cells = anchor[order], torch.round(centres[anchor, offset][order] / edge)
     unique, inverse = torch.unique(torch.cat([torch.round(occupied / edge), cells]), dim=0, return_inverse=True)
-    taken = torch.zeros(len(unique), dtype=torch.bool)
+    taken = torch.zeros(len(unique), dtype=torch.bool, device=cells.device)
     taken[inverse[: len(occupied)]] = True
     cell_of = inverse[len(occupied) :]
-    first = torch.full((len(unique),), len(cells), dtype=torch.long)
-    first.scatter_reduce_(0, cell_of, torch.arange(len(cells)), "amin")
+    first = torch.full((len(unique),), len(cells), dtype=torch.long, device=cells.device)
+    first.scatter_reduce_(0, cell_of, torch.arange(len(cells), device=cells.device), "amin")
     chosen = first[~taken].sort().values
     return Growth(cells[chosen] * edge, strength.new_full((len(chosen),), edge), anchor[chosen])
 

@@ -39,11 +39,24 @@ class ModelFrame:
     def to_model(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         return (points_m - self.origin_m) / self.unit_m
 
-    def camera(self, viewmat: NDArray[np.float64], K: NDArray[np.float64], width: int, height: int) -> Camera:
+    def camera(
+        self,
+        viewmat: NDArray[np.float64],
+        K: NDArray[np.float64],
+        width: int,
+        height: int,
+        device: torch.device | None = None,
+    ) -> Camera:
         """The camera that sees the model frame as `viewmat` sees the world; computed in float64, kept in float32."""
         matrix = np.array(viewmat)
         matrix[:3, 3] = (viewmat[:3, :3] @ self.origin_m + viewmat[:3, 3]) / self.unit_m
-        return Camera(torch.from_numpy(matrix).float(), torch.from_numpy(np.array(K)).float(), width, height, near=0.01)
+        return Camera(
+            torch.tensor(matrix, dtype=torch.float32, device=device),
+            torch.tensor(np.array(K), dtype=torch.float32, device=device),
+            width,
+            height,
+            near=0.01,
+        )
 
 
 def frame_of(capture: Capture) -> ModelFrame:

@@ -16,18 +16,41 @@ def train(
     capture: Annotated[Positional[Path], arg(help="Capture folder, made by `aa4d synth`.")],
     out: Annotated[Path, arg(help="Folder for the run: new, empty, or this run where it stopped.")],
     preset: Annotated[
-        Literal["quick", "paper"], arg(help="quick: minutes on two cores. paper: its schedule.")
+        Literal["quick", "standard", "paper"],
+        arg(help="quick: minutes on two cores. standard: an hour or so. paper: its 3,000 + 30,000 iterations."),
     ] = "quick",
+    iterations: Annotated[
+        tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
+    ] = None,
     seed: Annotated[int, arg(help="Of everything random.")] = 0,
+    dlgd: Annotated[bool, arg(help="Let offsets and scales deform (paper, section 4.3).")] = True,
+    dacw: Annotated[bool, arg(help="Warp the query coordinates by the anchors' density (paper, section 4.4).")] = True,
+    device: Annotated[
+        Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
+    ] = "auto",
+    tensorboard: Annotated[bool, arg(help="Write OUT/tensorboard; look with `tensorboard --logdir OUT`.")] = False,
 ) -> None:
-    """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues."""
+    """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
     from aa4d.capture.reader import read_capture
-    from aa4d.training.config import PRESETS
+    from aa4d.training.config import PRESETS, with_iterations
     from aa4d.training.trainer import train as run_training
 
     if seed < 0:
         raise InputError(f"--seed {seed}: must not be negative")
     config = replace(PRESETS[preset], seed=seed)
+    if iterations is not None:
+        if min(iterations) < 1:
+            raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")
+        config = with_iterations(config, *iterations)
     with training_progress() as progress:
-        model = run_training(read_capture(capture), out, config, progress)
+        model = run_training(
+            read_capture(capture),
+            out,
+            config,
+            progress,
+            variant={"dlgd": dlgd, "dacw": dacw},
+            device=device,
+            tensorboard=tensorboard,
+            say=lambda sentence: console.print(sentence, highlight=False, soft_wrap=True),
+        )
     console.print(f"model: {model}")

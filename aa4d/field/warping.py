@@ -65,7 +65,7 @@ def _smooth(histogram: Tensor, sigma: float) -> Tensor:
     radius = min(math.ceil(3 * sigma), histogram.shape[1])
     if radius == 0:
         return histogram
-    taps = torch.arange(-radius, radius + 1, dtype=histogram.dtype)
+    taps = torch.arange(-radius, radius + 1, dtype=histogram.dtype, device=histogram.device)
     kernel = torch.exp(-0.5 * (taps / sigma) ** 2)
     mirrored = torch.cat([histogram[:, :radius].flip(1), histogram, histogram[:, -radius:].flip(1)], dim=1)
     return F.conv1d(mirrored[:, None], (kernel / kernel.sum())[None, None])[:, 0]

@@ -12,11 +12,10 @@ from safetensors.torch import save_file
 from torch import Tensor
 from torch.optim import Adam
 
-from aa4d.anchors.canonical import Anchors
 from aa4d.anchors.densification import Statistics
 from aa4d.errors import InputError
 from aa4d.files import whole_file
-from aa4d.model import AdaAnchor4D, ModelConfig
+from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
 from aa4d.training.config import LearningRates
 from aa4d.training.optimiser import make_optimiser
 
@@ -45,14 +44,14 @@ def save_checkpoint(path: Path, state: TrainingState) -> None:
         save_file(contiguous, str(temporary), metadata={"state": json.dumps(position)})
 
 
-def load_checkpoint(path: Path, config: ModelConfig, rates: LearningRates) -> TrainingState:
+def load_checkpoint(path: Path, config: ModelConfig, rates: LearningRates, device: torch.device) -> TrainingState:
     """Raises InputError for a damaged file or one of another configuration."""
     try:
-        with safe_open(str(path), framework="pt") as file:
+        with safe_open(str(path), framework="pt", device=str(device)) as file:
             position = json.loads(file.metadata()["state"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
         anchors = len(tensors["model.anchors.position"])
-        model = AdaAnchor4D(config, _empty_anchors(anchors, config))
+        model = blank_model(config, anchors).to(device)
         model.load_state_dict(_part(tensors, "model."))
         statistics = Statistics(**_part(tensors, "statistics."))
         optimiser = make_optimiser(model, rates, position["stage"])
@@ -66,10 +65,6 @@ def load_checkpoint(path: Path, config: ModelConfig, rates: LearningRates) -> Tr
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot continue from this checkpoint ({reason}); delete it to start over") from None
-
-
-def _empty_anchors(n: int, config: ModelConfig) -> Anchors:
-    return Anchors(torch.zeros(n, 3), torch.zeros(n, 6), config.offsets, config.feature_dim, config.embedding_dim)
 
 
 def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

@@ -7,7 +7,7 @@ MoDec-GS, or were chosen here and are marked [chosen].
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,7 @@ class TrainingConfig:
     fine_iterations: int
     seed: int = 0
     voxel_px: float = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
+    embedding_std: float = 0.01  # [chosen] of the embeddings at the start
     checkpoint_every: int = 500
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification = field(default_factory=Densification)
@@ -106,8 +107,29 @@ PRESETS = {
         ),
         densification=Densification(statistics_from=100, start=300, until=1800, voxel_factor=4),
     ),
+    "standard": TrainingConfig(
+        preset="standard",
+        coarse_iterations=1500,
+        fine_iterations=12000,
+        # Between the two others, geometrically, as its schedule is.
+        rates=LearningRates(
+            planes=Decay(0.04, 0.004),
+            deformation=Decay(0.004, 0.0004),
+            position=Decay(1.8e-4, 1.8e-5),
+            embedding=Decay(0.0085, 8.5e-4),
+        ),
+        densification=Densification(statistics_from=200, start=600, until=6000, voxel_factor=8),
+    ),
     "paper": TrainingConfig(preset="paper", coarse_iterations=3000, fine_iterations=30000),  # [paper]
 }
+
+
+def with_iterations(config: TrainingConfig, coarse: int, fine: int) -> TrainingConfig:
+    """The same settings over another number of iterations; when anchors grow scales with the fine stage's."""
+    share = fine / config.fine_iterations
+    d = config.densification
+    window = {name: round(getattr(d, name) * share) for name in ("statistics_from", "start", "until")}
+    return replace(config, coarse_iterations=coarse, fine_iterations=fine, densification=replace(d, **window))
 
 
 def temporal_resolution(frames: int) -> int:

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Adam
 
-from aa4d.anchors.canonical import EMBEDDINGS
 from aa4d.model import AdaAnchor4D
 from aa4d.training.config import Decay, LearningRates
 
@@ -23,14 +22,10 @@ def make_optimiser(model: AdaAnchor4D, rates: LearningRates, stage: str) -> Adam
         "decoder_covariance": list(model.decoder.covariance.parameters()),
     }
     if stage == "fine":
-        deforming = (
-            model.acfa,
-            model.encoder,
-            model.head_feature,
-            model.dlgd_offset,
-            model.dlgd_scale,
-        )
-        groups["embedding"] = [getattr(anchors, name) for name in EMBEDDINGS]
+        deforming = [model.aggregation, model.encoder, model.head_feature]
+        if model.config.dlgd:
+            deforming += [model.dlgd_offset, model.dlgd_scale]
+        groups["embedding"] = [getattr(anchors, name) for name in model.config.embeddings()]
         groups["planes"] = list(model.field.parameters())
         groups["position"] = list(model.head_position.parameters())
         groups["deformation"] = [p for module in deforming for p in module.parameters()]

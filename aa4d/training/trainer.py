@@ -3,41 +3,46 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from aa4d.anchors.canonical import EMBEDDINGS, Anchors, spacing, voxel_centres
-from aa4d.anchors.densification import Growth, Statistics, grow, transparent
+from aa4d.anchors.canonical import Anchors, spacing, voxel_centres
+from aa4d.anchors.densification import Statistics
 from aa4d.capture.frame import ModelFrame, frame_of
 from aa4d.capture.reader import Capture, read_images
+from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.image_metrics import StructuralSimilarity, psnr
 from aa4d.field.planes import regularisation
 from aa4d.field.warping import density_adaptive_boundaries
-from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
 from aa4d.raster.types import Camera
 from aa4d.rendering import Rendered, render
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
 from aa4d.training.config import TrainingConfig, temporal_resolution
+from aa4d.training.growth import densify
+from aa4d.training.history import History
 from aa4d.training.interrupts import StopRequest, stop_requests
-from aa4d.training.optimiser import make_optimiser, replace_rows, set_rates
+from aa4d.training.optimiser import make_optimiser, set_rates
+from aa4d.training.run_folder import check_folder, claimed
+from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
 STAGES = ("coarse", "fine")
 
 
 # What the trainer tells whoever watches, once an iteration: stage, iteration, total, loss, PSNR in dB, anchors.
 Progress = Callable[[str, int, int, float, float, int], None]
+# And now and then, in a sentence.
+Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -52,147 +57,186 @@ class View:
         return self.pixels.float() / 255
 
 
-def train(capture: Capture, out: Path, config: TrainingConfig, progress: Progress) -> Path:
-    """Train, or continue a run that was stopped; a finished run is left as it is.
+def train(
+    capture: Capture,
+    out: Path,
+    config: TrainingConfig,
+    progress: Progress,
+    *,
+    variant: dict[str, Any] | None = None,
+    device: DeviceName = "auto",
+    tensorboard: bool = False,
+    say: Say = lambda _: None,
+) -> Path:
+    """Train, or continue a run that was stopped or killed; a finished run is left as it is.
 
-    Writes `config.json`, `checkpoint.safetensors`, `coarse.safetensors` and `model.safetensors` into `out`.
+    Writes `config.json`, `history.csv`, `checkpoint.safetensors`, `coarse.safetensors` and `model.safetensors` into
+    `out`.
+
+    Args:
+        variant: settings of `ModelConfig` that differ from its defaults.
 
     Returns:
         The path of the model file.
 
     Raises:
-        InputError: `out` holds something else, or the capture cannot be read.
+        InputError: `out` holds something else, the capture cannot be read, the device is not there, or the training
+            met NaN or infinity: the last checkpoint is then the last good one.
         Interrupted: Ctrl-C; the checkpoint and a usable model file of that moment are written.
     """
-    model_config = ModelConfig(temporal_resolution=temporal_resolution(len(capture.frames)))
+    chosen = choose_device(device)
+    model_config = ModelConfig(**{"temporal_resolution": temporal_resolution(len(capture.frames)), **(variant or {})})
     settings = {
         "capture": str(capture.folder.resolve()),
         "capture_fingerprint": capture.fingerprint,
         "training": dataclasses.asdict(config),
         "model": dataclasses.asdict(model_config),
     }
-    _check_folder(out, settings)
+    check_folder(out, settings)
     # Every image is read here, so that bad input is refused before anything is written.
-    run = Run(capture, out, config, model_config)
-    make_folder(out)
-    write_json(out / "config.json", settings)
-    checkpoint = out / "checkpoint.safetensors"
-    if checkpoint.exists():
-        state = load_checkpoint(checkpoint, model_config, config.rates)
+    run = Run(capture, out, config, model_config, chosen)
+    with claimed(out, settings):
+        state = run.last_good_state()
         if state.stage == "fine" and state.iteration == config.fine_iterations and run.model_path.exists():
             return run.model_path
-    else:
-        state = run.initial_state()
-    run.train(state, progress)
+        step = run.steps(state)
+        if step:
+            say(f"continuing at {state.stage} iteration {state.iteration} of {config.iterations(state.stage)}")
+        history = History(out, step, tensorboard=tensorboard)
+        try:
+            run.train(state, progress, history)
+        except NotFinite as found:
+            raise InputError(run.diagnosis(state, found, say)) from None
+        finally:
+            history.close()
     return run.model_path
-
-
-def _check_folder(out: Path, settings: dict[str, Any]) -> None:
-    """Raises InputError where `out` holds something other than this very run."""
-    path = out / "config.json"
-    if not path.exists():
-        if out.is_dir() and any(out.iterdir()):
-            raise InputError(f"{out}: not empty and not a training run; choose a new folder with --out")
-        return
-    found = read_json_object(path, "the settings of a training run")
-    # Through JSON, so that tuples and lists compare alike.
-    wanted = json.loads(json.dumps(settings))
-    for key in ("capture_fingerprint", "training", "model"):
-        if found.get(key) != wanted[key]:
-            raise InputError(
-                f"{out}: holds a run with another {key.replace('_', ' ')} (see {path}); "
-                "choose a new folder with --out, or delete that one"
-            )
 
 
 class Run:
     """One training run: what stays fixed over it, and the loop."""
 
-    def __init__(self, capture: Capture, out: Path, config: TrainingConfig, model_config: ModelConfig) -> None:
+    def __init__(
+        self,
+        capture: Capture,
+        out: Path,
+        config: TrainingConfig,
+        model_config: ModelConfig,
+        device: torch.device | None = None,
+    ) -> None:
         self.capture = capture
         self.out = out
         self.config = config
         self.model_config = model_config
+        self.device = device or torch.device("cpu")
         self.model_path = out / "model.safetensors"
+        self.checkpoint_path = out / "checkpoint.safetensors"
         self.frame: ModelFrame = frame_of(capture)
         indices = capture.of_split("train")
         images = torch.from_numpy(read_images(capture, indices))
         c = capture.camera
         self.views = [
-            View(capture.frames[i].t, self.frame.camera(capture.frames[i].viewmat, c.K, c.width, c.height), image)
+            View(
+                capture.frames[i].t,
+                self.frame.camera(capture.frames[i].viewmat, c.K, c.width, c.height, self.device),
+                image.to(self.device),
+            )
             for i, image in zip(indices, images, strict=True)
         ]
         # What no anchor covers shows the mean colour of the training frames: the least wrong constant.
-        self.background = images.float().mean(dim=(0, 1, 2)) / 255
+        self.background = (images.float().mean(dim=(0, 1, 2)) / 255).to(self.device)
         self.voxel = config.voxel_px / float(c.K[0, 0])
 
     def initial_state(self) -> TrainingState:
+        # Drawn on the CPU, whatever the device. The anchors' draws depend on the variant; the model starts anew.
         torch.manual_seed(self.config.seed)
+        c = self.model_config
         centres = voxel_centres(self.frame.to_model(self.capture.points), self.voxel)
         scale = spacing(centres, floor=1e-3 * self.voxel)
         anchors = Anchors(
             torch.from_numpy(centres).float(),
             torch.from_numpy(np.log(scale)).float()[:, None].repeat(1, 6),
-            self.model_config.offsets,
-            self.model_config.feature_dim,
-            self.model_config.embedding_dim,
+            c.offsets,
+            c.feature_dim,
+            c.embedding_dim,
+            embeddings=c.embeddings(),
+            embedding_std=self.config.embedding_std,
         )
-        model = AdaAnchor4D(self.model_config, anchors)
+        torch.manual_seed(self.config.seed)
+        model = AdaAnchor4D(c, anchors).to(self.device)
         optimiser = make_optimiser(model, self.config.rates, "coarse")
-        return TrainingState(
-            "coarse", 0, 0.0, model, optimiser, Statistics.zeros(len(anchors), anchors.offset.shape[1])
-        )
+        return TrainingState("coarse", 0, 0.0, model, optimiser, Statistics.zeros(len(anchors), c.offsets, self.device))
 
-    def train(self, state: TrainingState, progress: Progress) -> None:
+    def last_good_state(self) -> TrainingState:
+        """That of the checkpoint, or the initial one where there is none."""
+        if not self.checkpoint_path.exists():
+            return self.initial_state()
+        return load_checkpoint(self.checkpoint_path, self.model_config, self.config.rates, self.device)
+
+    def steps(self, state: TrainingState) -> int:
+        """Iterations done over both stages."""
+        return state.iteration + (self.config.coarse_iterations if state.stage == "fine" else 0)
+
+    def train(self, state: TrainingState, progress: Progress, history: History) -> None:
+        """Raises NotFinite; `state` then tells in which iteration it was found."""
         with stop_requests() as stop_requested:
             while True:
-                self._stage(state, progress, stop_requested)
+                self._stage(state, progress, history, stop_requested)
                 if state.stage == "fine":
                     break
                 self._enter_fine(state)
-        self._save(state)
+        self._save(state, history)
 
-    def _stage(self, state: TrainingState, progress: Progress, stop_requested: StopRequest) -> None:
+    def _stage(self, state: TrainingState, progress: Progress, history: History, stop_requested: StopRequest) -> None:
         total = self.config.iterations(state.stage)
         while state.iteration < total:
             started = time.perf_counter()
             loss, psnr_db = self.step(state)
             state.iteration += 1
             state.seconds += time.perf_counter() - started
-            progress(state.stage, state.iteration, total, loss, psnr_db, len(state.model.anchors))
+            anchors = len(state.model.anchors)
+            history.add(self.steps(state), state.stage, state.iteration, loss, psnr_db, anchors, state.seconds)
+            progress(state.stage, state.iteration, total, loss, psnr_db, anchors)
             if stop_requested():
-                self._save(state)
+                self._save(state, history)
                 raise Interrupted(
                     f"stopped at {state.stage} iteration {state.iteration} of {total}; {self.out} is usable as it is, "
                     "and the same command continues from there"
                 )
             if state.iteration % self.config.checkpoint_every == 0:
-                self._save_checkpoint(state)
+                self._save_checkpoint(state, history)
 
-    def step(self, state: TrainingState) -> tuple[float, float]:
+    def step(self, state: TrainingState, watch: Watch | None = None) -> tuple[float, float]:
         """One iteration on one view; returns loss and PSNR of that view.
 
         Raises:
-            InputError: what is drawn or the loss is not finite; names the first parameter group that is not.
+            NotFinite: what is drawn or the loss is not finite, or `watch` says so of a gradient or a parameter.
         """
         view = self._view(state.stage, state.iteration)
         model, optimiser = state.model, state.optimiser
         set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1))
-        t = view.t if state.stage == "fine" else None
-        try:
-            rendered = render(model, t, view.camera, self.background)
-        except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
-            self._refuse_not_finite(state, f"what it draws ({error})")
+        rendered = self._render(state, view)
         target = view.target()
         loss = self._loss(model, state.stage, rendered, target)
-        if not math.isfinite(loss.item()):
-            self._refuse_not_finite(state, "its loss")
+        value = loss.item()
+        if not math.isfinite(value):
+            raise NotFinite("the loss")
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
+        if watch:
+            watch(optimiser, "a gradient")
         optimiser.step()
+        if watch:
+            watch(optimiser, "a parameter")
         with torch.no_grad():
-            self._densify(state, rendered)
-        return loss.item(), psnr(rendered.rendering.color.detach(), target)
+            seed = (self.config.seed, STAGES.index(state.stage))
+            densify(state, self.config.densification, rendered, self.voxel, seed)
+        return value, psnr(rendered.rendering.color.detach(), target)
+
+    def _render(self, state: TrainingState, view: View) -> Rendered:
+        try:
+            return render(state.model, view.t if state.stage == "fine" else None, view.camera, self.background)
+        except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
+            raise NotFinite(f"what it draws ({error})") from None
 
     def _view(self, stage: str, iteration: int) -> View:
         """Every view once an epoch, in an order drawn from (seed, stage, epoch)."""
@@ -214,59 +258,36 @@ class Run:
             )
         return loss
 
-    def _densify(self, state: TrainingState, rendered: Rendered) -> None:
-        d = self.config.densification
-        done = state.iteration + 1
-        if not d.statistics_from < done <= d.until:
-            return
-        anchors = state.model.anchors
-        state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering)
-        if done <= d.start or done % d.interval:
-            return
-        seen = d.interval * d.seen_share
-        keep = ~transparent(state.statistics, min_opacity=d.min_opacity, min_seen=seen)
-        generator = torch.Generator().manual_seed(
-            int(np.random.SeedSequence([self.config.seed, STAGES.index(state.stage), done]).generate_state(1)[0])
-        )
-        growth = grow(
-            anchors.position,
-            anchors.position[:, None] + anchors.offset * anchors.log_scale[:, None, :3].exp(),
-            state.statistics,
-            voxel=self.voxel,
-            voxel_factor=d.voxel_factor,
-            levels=d.levels,
-            gradient_threshold=d.gradient_threshold,
-            min_drawn=0.5 * seen,
-            limit=max(d.max_anchors - len(anchors), 0),
-            generator=generator,
-        )
-        state.statistics.forget_judged(min_seen=seen, min_drawn=0.5 * seen)
-        change_anchors(state, keep, growth)
-
     def _enter_fine(self, state: TrainingState) -> None:
         """Build DACW and the field's box from the anchors of the coarse stage, and start a new optimiser."""
+        check_finite(state.optimiser, "a parameter")
         model, w = state.model, self.config.warp
         position = model.anchors.position
         model.field.box.copy_(torch.stack([position.amin(0), position.amax(0)]))
-        u = model.field.normalise(position)
-        model.warp.boundaries.copy_(
-            density_adaptive_boundaries(u, self.model_config.bins, w.smoothing, w.gamma, w.lambda_min, w.lambda_max)
-        )
+        if self.model_config.dacw:
+            u = model.field.normalise(position)
+            model.warp.boundaries.copy_(
+                density_adaptive_boundaries(u, self.model_config.bins, w.smoothing, w.gamma, w.lambda_min, w.lambda_max)
+            )
         self._save_model(state, self.out / "coarse.safetensors")
         state.stage, state.iteration = "fine", 0
         state.optimiser = make_optimiser(model, self.config.rates, "fine")
-        state.statistics = Statistics.zeros(len(position), self.model_config.offsets)
-        self._save_checkpoint(state)
+        state.statistics = Statistics.zeros(len(position), self.model_config.offsets, self.device)
+        save_checkpoint(self.checkpoint_path, state)
 
-    def _save(self, state: TrainingState) -> None:
-        self._save_checkpoint(state)
+    def _save(self, state: TrainingState, history: History) -> None:
+        self._save_checkpoint(state, history)
         self._save_model(state, self.model_path)
 
-    def _save_checkpoint(self, state: TrainingState) -> None:
+    def _save_checkpoint(self, state: TrainingState, history: History) -> None:
         """Only ever over the last one with finite values: it is what a diverged run goes back to."""
-        if not all(torch.isfinite(p).all() for p in state.model.parameters()):
-            self._refuse_not_finite(state, "a parameter")
-        save_checkpoint(self.out / "checkpoint.safetensors", state)
+        check_finite(state.optimiser, "a parameter")
+        image = target = None
+        if history.wants_images:
+            with torch.no_grad():
+                image, target = self._render(state, self.views[0]).rendering.color, self.views[0].target()
+        history.write(self.steps(state), image, target)
+        save_checkpoint(self.checkpoint_path, state)
 
     def _save_model(self, state: TrainingState, path: Path) -> None:
         training: dict[str, Any] = {
@@ -287,35 +308,24 @@ class Run:
             training=training,
         )
 
-    def _refuse_not_finite(self, state: TrainingState, what: str) -> NoReturn:
-        names = [
-            group["name"]
-            for group in state.optimiser.param_groups
-            if any(not torch.isfinite(p).all() for p in group["params"])
-        ]
-        advice = f"lower the learning rate of {names[0]!r}" if names else "check the poses and images of the capture"
-        raise InputError(
-            f"{self.out}: training met NaN or infinity in {what} at {state.stage} iteration {state.iteration}; "
-            f"{advice} and start from the last checkpoint, which is whole"
+    def diagnosis(self, state: TrainingState, found: NotFinite, say: Say) -> str:
+        """Repeat the iterations since the last checkpoint with a check in each: on the CPU they are the same bits."""
+        at, where = self.steps(state), f"{state.stage} iteration {state.iteration + 1}"
+        if found.what == "a parameter":
+            at, where = at - 1, f"{state.stage} iteration {state.iteration}"  # found once that iteration was over
+        again = self.last_good_state()
+        say(f"{found.what} is not finite at {where}; repeating {at - self.steps(again) + 1} iterations to see why")
+        try:
+            while self.steps(again) <= at:
+                if again.stage == "coarse" and again.iteration == self.config.coarse_iterations:
+                    break  # the fine stage starts with a checkpoint: what follows would be another run
+                self.step(again, check_finite)
+                again.iteration += 1
+        except NotFinite as first:
+            found, where = first, f"{again.stage} iteration {again.iteration + 1}"
+        groups = f" of {', '.join(repr(name) for name in found.groups)}" if found.groups else ""
+        kept = f"{self.checkpoint_path} is the last good state" if self.checkpoint_path.exists() else "nothing is kept"
+        return (
+            f"{self.out}: training first met NaN or infinity in {found.what}{groups} at {where}; "
+            f"{advice(found.groups)}; {kept}"
         )
-
-
-def change_anchors(state: TrainingState, keep: Tensor, growth: Growth) -> None:
-    """Drop the anchors outside `keep` and add the grown ones; moments and statistics follow.
-
-    A grown anchor has its parent's feature and embeddings, no offsets, and the voxel's edge as its scales.
-    """
-    anchors = state.model.anchors
-    kept = keep.nonzero()[:, 0]
-    rows = torch.cat([kept, torch.full_like(growth.parent, -1)])
-    inherited = torch.cat([kept, growth.parent])
-    offset, log_scale = anchors.offset.detach(), anchors.log_scale.detach()
-    values = {name: getattr(anchors, name).detach()[inherited] for name in ("feature", *EMBEDDINGS)}
-    values["offset"] = torch.cat([offset[kept], torch.zeros_like(offset[growth.parent])])
-    values["log_scale"] = torch.cat([log_scale[kept], growth.voxel.log()[:, None].repeat(1, 6)])
-    for name, value in values.items():
-        parameter = nn.Parameter(value)
-        replace_rows(state.optimiser, getattr(anchors, name), parameter, rows)
-        setattr(anchors, name, parameter)
-    anchors.position = torch.cat([anchors.position[kept], growth.position])
-    state.statistics = state.statistics.rows(rows)

@@ -13,8 +13,8 @@ from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.raster.types import Camera
 from aa4d.training.checkpoints import TrainingState
 from aa4d.training.config import LearningRates
+from aa4d.training.growth import change_anchors
 from aa4d.training.optimiser import make_optimiser
-from aa4d.training.trainer import change_anchors
 
 CONFIG = ModelConfig(offsets=4, spatial_resolutions=(4,), temporal_resolution=4)
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from aa4d.field.aggregation import AnchorConditionedAggregation
+from aa4d.errors import InputError
+from aa4d.field.aggregation import AGGREGATIONS, Aggregation, Weighted, make_aggregation
 from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
 from aa4d.field.planes import AXES, PLANES, FeaturePlanes, interpolate, regularisation, smoothness
 
@@ -74,22 +75,32 @@ def test_smoothness_is_the_second_difference_along_rows() -> None:
     assert float(smoothness(rows[:, :2])) == 0.0
 
 
-def test_acfa_starts_with_weights_of_one_sixth() -> None:
-    acfa = AnchorConditionedAggregation(32, 256, 16)
-    weights = acfa.weights(torch.randn(9, 32), 0.3)
+WEIGHTED = ("acfa", "anchor_only", "time_only")
+
+
+def weighted(name: str, embedding_dim: int, hidden: int, channels: int) -> Weighted:
+    """A strategy with weights whose output layer has left zero, float64."""
+    aggregation = make_aggregation(name, embedding_dim, hidden, channels)
+    assert isinstance(aggregation, Weighted)
+    torch.nn.init.normal_(aggregation.predictor.output.weight)
+    return aggregation.double()
+
+
+@pytest.mark.parametrize("name", WEIGHTED)
+def test_weights_start_at_one_sixth(name: str) -> None:
+    aggregation = make_aggregation(name, 32, 256, 16)
+    assert isinstance(aggregation, Weighted)
+    weights = aggregation.weights(torch.randn(9, 32), 0.3)
     assert weights.shape == (9, 6, 16)
     assert torch.equal(weights, torch.full_like(weights, 1 / 6))
 
 
 def test_acfa_agrees_with_the_paper_in_loops() -> None:
     torch.manual_seed(1)
-    acfa = AnchorConditionedAggregation(4, 8, 3).double()
-    torch.nn.init.normal_(acfa.output.weight)
+    acfa = weighted("acfa", 4, 8, 3)
     embedding, features, t = torch.randn(5, 4).double(), torch.randn(2, 5, 6, 3).double(), 0.7
     h = acfa(features, embedding, t).detach().numpy()
-    w1, b1, w2, b2 = (
-        p.detach().numpy() for p in (acfa.hidden.weight, acfa.hidden.bias, acfa.output.weight, acfa.output.bias)
-    )
+    w1, b1, w2, b2 = (p.detach().numpy() for p in acfa.predictor.parameters())
     for i in range(5):
         z = w2 @ np.maximum(w1 @ np.append(embedding[i].numpy(), t) + b1, 0) + b2
         expected = []
@@ -101,11 +112,44 @@ def test_acfa_agrees_with_the_paper_in_loops() -> None:
         np.testing.assert_allclose(h[i], expected, atol=1e-12)
 
 
-def test_field_gradients_agree_with_finite_differences(field: FeaturePlanes) -> None:
-    acfa = AnchorConditionedAggregation(4, 6, 3).double()
-    torch.nn.init.normal_(acfa.output.weight)
+@pytest.mark.parametrize("name", ["anchor_only", "time_only"])
+def test_a_half_conditioned_strategy_ignores_the_other_half(name: str) -> None:
+    torch.manual_seed(2)
+    aggregation = weighted(name, 4, 8, 3)
+    embedding = torch.randn(5, 4).double()
+    over_time = torch.stack([aggregation.weights(embedding, t) for t in (0.1, 0.9)])
+    over_anchors = over_time[0]
+    assert torch.equal(over_time[0], over_time[1]) == (name == "anchor_only")
+    assert torch.equal(over_anchors[0], over_anchors[1]) == (name == "time_only")
+
+
+def test_mean_and_product_agree_with_loops() -> None:
+    features = torch.rand(2, 5, 6, 3, dtype=torch.float64) + 0.5
+    embedding = torch.empty(5, 4, dtype=torch.float64)
+    for name, rule in (("mean", np.mean), ("product", np.prod)):
+        h = make_aggregation(name, 4, 8, 3)(features, embedding, 0.3)
+        for i, level, c in np.ndindex(5, 2, 3):
+            assert h[i, level * 3 + c].item() == pytest.approx(rule(features[level, i, :, c].numpy()), rel=1e-14)
+
+
+def test_every_weighted_strategy_starts_as_the_mean() -> None:
+    features, embedding = torch.rand(2, 5, 6, 3), torch.randn(5, 4)
+    expected = make_aggregation("mean", 4, 8, 3)(features, embedding, 0.3)
+    for name in WEIGHTED:
+        torch.testing.assert_close(make_aggregation(name, 4, 8, 3)(features, embedding, 0.3), expected)
+
+
+def test_an_unknown_aggregation_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(InputError, match=r"'sum' is unknown.*product, mean"):
+        make_aggregation("sum", 4, 8, 3)
+
+
+@pytest.mark.parametrize("name", AGGREGATIONS)
+def test_field_gradients_agree_with_finite_differences(field: FeaturePlanes, name: str) -> None:
+    torch.manual_seed(3)
+    acfa: Aggregation = weighted(name, 4, 6, 3) if name in WEIGHTED else make_aggregation(name, 4, 6, 3)
     u = (torch.rand(3, 3, dtype=torch.float64) * 1.8 - 0.9).requires_grad_()
-    embedding = torch.randn(3, 4, dtype=torch.float64, requires_grad=True)
+    embedding = torch.randn(3, 4, dtype=torch.float64, requires_grad=name in ("acfa", "anchor_only"))
 
     def run(u: torch.Tensor, embedding: torch.Tensor, *_: torch.Tensor) -> torch.Tensor:
         return acfa(field(u, 0.43), embedding, 0.43)
@@ -114,9 +158,9 @@ def test_field_gradients_agree_with_finite_differences(field: FeaturePlanes) -> 
 
 
 def test_scores_of_any_size_give_finite_weights() -> None:
-    acfa = AnchorConditionedAggregation(2, 4, 1)
-    torch.nn.init.constant_(acfa.output.weight, 1e4)
-    acfa.output.weight.data[0] *= 2
+    acfa = weighted("acfa", 2, 4, 1).float()
+    torch.nn.init.constant_(acfa.predictor.output.weight, 1e4)
+    acfa.predictor.output.weight.data[0] *= 2
     weights = acfa.weights(torch.full((1, 2), 1e3), 1.0)
     assert torch.isfinite(weights).all()
     assert weights.sum().item() == pytest.approx(1.0)

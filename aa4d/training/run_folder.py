@@ -1,0 +1,52 @@
+"""The folder of a training run: one run, one process at a time, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from aa4d.errors import InputError
+from aa4d.files import make_folder, read_json_object, remove_unfinished, write_json
+
+SETTINGS = "config.json"
+
+
+def check_folder(out: Path, settings: dict[str, Any]) -> None:
+    """Raises InputError where `out` holds something other than the run with these settings."""
+    path = out / SETTINGS
+    if not path.exists():
+        if out.is_dir() and any(not entry.name.startswith(".") for entry in out.iterdir()):
+            raise InputError(f"{out}: not empty and not a training run; choose a new folder with --out")
+        return
+    found = read_json_object(path, "the settings of a training run")
+    # Through JSON, so that tuples and lists compare alike.
+    wanted = json.loads(json.dumps(settings))
+    for key in ("capture_fingerprint", "training", "model"):
+        if found.get(key) != wanted[key]:
+            raise InputError(
+                f"{out}: holds a run with another {key.replace('_', ' ')} (see {path}); "
+                "choose a new folder with --out, or delete that one"
+            )
+
+
+@contextmanager
+def claimed(out: Path, settings: dict[str, Any]) -> Iterator[None]:
+    """Make the folder this process's own, and rid it of what a killed one left half-written.
+
+    Raises:
+        InputError: the folder is not writable, or another process trains there.
+    """
+    make_folder(out)
+    lock = FileLock(out / ".lock", timeout=0)  # the system releases it when the process dies
+    try:
+        with lock:
+            remove_unfinished(out)
+            write_json(out / SETTINGS, settings)
+            yield
+    except Timeout:
+        raise InputError(f"{out}: another process is training there; wait for it, or choose a new --out") from None
