@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
@@ -39,6 +40,7 @@ class LoadedModel:
     training_seconds: float
     capture_fingerprint: str | None
     capture_folder: Path | None
+    viewmats: dict[str, NDArray[np.float64]]  # of the frames by name: learned ones where poses were refined
 
 
 def file_name_of(parameter: str) -> str:
@@ -121,6 +123,7 @@ def load_model(path: Path) -> LoadedModel:
             training_seconds=float(header["training"]["seconds"]),
             capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
+            viewmats={f["name"]: np.array(f["viewmat"], np.float64).reshape(4, 4) for f in header["frames"]},
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: the header is damaged ({error!r}); copy or train it again") from None

@@ -157,7 +157,9 @@ def save_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 def _view(loaded: LoadedModel, capture: Capture, index: int) -> tuple[float | None, Camera, Tensor]:
     c, frame = capture.camera, capture.frames[index]
-    camera = loaded.frame.camera(frame.viewmat, c.K, c.width, c.height)
+    # Where poses were refined, the model's differ from the capture's.
+    viewmat = loaded.viewmats.get(frame.name, frame.viewmat)
+    camera = loaded.frame.camera(viewmat, c.K, c.width, c.height)
     return None if loaded.is_static else frame.t, camera, torch.tensor(loaded.background)
 
 
