@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 import pycolmap
 
 T = TypeVar("T")
+U = TypeVar("U")
 WATCHED_EVERY_S = 0.2
 
 
@@ -17,8 +18,11 @@ def quiet() -> None:
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL.value)
 
 
-def run_watched(stage: Callable[[Any], T], watch: Callable[[], None]) -> T:
+def run(stage: Callable[[Any], T], watch: Callable[[], None] = lambda: None) -> T:
     """Run `stage(cancellation_token)` in a thread, calling `watch` now and then; Ctrl-C stops the stage cleanly.
+
+    COLMAP's database must not be looked into meanwhile: a second SQLite library in one process, Python's, takes away
+    the locks of COLMAP's.
 
     Raises:
         KeyboardInterrupt: after the stage has stopped; what it had stored is whole.
@@ -28,13 +32,13 @@ def run_watched(stage: Callable[[Any], T], watch: Callable[[], None]) -> T:
     result: list[T] = []
     failure: list[BaseException] = []
 
-    def run() -> None:
+    def work() -> None:
         try:
             result.append(stage(token))
         except BaseException as error:
             failure.append(error)
 
-    thread = threading.Thread(target=run, daemon=True)
+    thread = threading.Thread(target=work, daemon=True)
     thread.start()
     try:
         while thread.is_alive():
@@ -49,13 +53,7 @@ def run_watched(stage: Callable[[Any], T], watch: Callable[[], None]) -> T:
     return result[0]
 
 
-def count(database: str, table: str, where: str = "") -> int:
-    """Rows of a table of COLMAP's database, read beside COLMAP; 0 while there is none."""
-    import sqlite3
-    from contextlib import closing
-
-    try:
-        with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True, timeout=0.1)) as connection:
-            return int(connection.execute(f"SELECT COUNT(*) FROM {table} {where}").fetchone()[0])
-    except sqlite3.Error:
-        return 0
+def in_blocks(items: list[U], size: int) -> Iterator[tuple[int, list[U]]]:
+    """Runs of `size` items, each with the number of items before it."""
+    for start in range(0, len(items), size):
+        yield start, items[start : start + size]

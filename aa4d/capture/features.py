@@ -8,9 +8,11 @@ from typing import Any
 import pycolmap
 
 from aa4d.capture.clip import Clip
-from aa4d.capture.colmap import count, run_watched
+from aa4d.capture.colmap import in_blocks, run
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress
+
+FRAMES_A_THREAD = 2  # in a block
 
 
 def extract(
@@ -30,19 +32,23 @@ def extract(
     if masks is not None:
         reader.mask_path = masks
     names = [frame.file for frame in clip.frames]
-    run_watched(
-        lambda token: pycolmap.extract_features(
-            database,
-            clip.folder,
-            image_names=names,
-            camera_mode=pycolmap.CameraMode.SINGLE,
-            reader_options=reader,
-            extraction_options=options,
-            device=pycolmap.Device.cpu,
-            cancellation_token=token,
-        ),
-        lambda: progress(count(str(database), "keypoints"), len(names)),
-    )
+    for done, block in in_blocks(names, FRAMES_A_THREAD * threads):
+        # A block is stored whole: what a stopped run keeps, and what the progress counts.
+        run(
+            lambda token, block=block: pycolmap.extract_features(  # type: ignore[misc]
+                database,
+                clip.folder,
+                image_names=block,
+                camera_mode=pycolmap.CameraMode.SINGLE,
+                reader_options=reader,
+                extraction_options=options,
+                device=pycolmap.Device.cpu,
+                cancellation_token=token,
+            )
+        )
+        with pycolmap.Database.open(database) as opened:
+            reader.existing_camera_id = opened.read_all_cameras()[0].camera_id
+        progress(done + len(block), len(names))
     with pycolmap.Database.open(database) as opened:
         found = {image.name: opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()}
     return {"features": [found.get(name, 0) for name in names]}

@@ -12,7 +12,7 @@ import pycolmap
 
 from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
 from aa4d.capture.clip import Clip
-from aa4d.capture.colmap import quiet, run_watched
+from aa4d.capture.colmap import quiet, run
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress
 from aa4d.errors import InputError
@@ -108,7 +108,7 @@ def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progre
 
     # The random numbers of RANSAC are drawn from one generator for all of COLMAP.
     pycolmap.set_random_seed(max(options.random_seed, 0))
-    found: dict[int, Any] = run_watched(
+    found: dict[int, Any] = run(
         lambda token: pycolmap.incremental_mapping(
             matches, clip.folder, folder, options, next_image_callback=next_image, cancellation_token=token
         ),
@@ -146,9 +146,8 @@ def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: P
         model.transcribe_image_ids_to_database(opened)
     target = folder / "model"
     target.mkdir(exist_ok=True)
-    model = run_watched(
+    model = run(
         lambda token: pycolmap.triangulate_points(model, matches, clip.folder, target, cancellation_token=token),
-        lambda: None,
     )
     if model.num_points3D() < FEWEST_POINTS:
         raise InputError(

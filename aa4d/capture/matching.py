@@ -16,9 +16,11 @@ import numpy as np
 import pycolmap
 
 from aa4d.capture.clip import Clip
-from aa4d.capture.colmap import count, run_watched
+from aa4d.capture.colmap import in_blocks, run
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress
+
+PAIRS_A_THREAD = 10  # in a block: stored together, what a stopped run keeps
 
 
 def pairs(frames: int, window: int, keyframes: int) -> list[tuple[int, int]]:
@@ -45,23 +47,23 @@ def match(
         unfinished.replace(database)
     wanted = pairs(len(clip.frames), settings.window, settings.keyframes)
     names = [frame.file for frame in clip.frames]
-    pair_list = folder / "pairs.txt"
-    pair_list.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in wanted), encoding="utf-8")
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = threads
-    pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = pair_list
-    pairing.block_size = 20  # pairs are stored after each block: what a stopped run keeps
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
     # Tells a turning camera from a flat scene.
     verification.compute_relative_pose = True
-    run_watched(
-        lambda token: pycolmap.match_image_pairs(
-            database, matching, pairing, verification, device=pycolmap.Device.cpu, cancellation_token=token
-        ),
-        lambda: progress(count(str(database), "two_view_geometries"), len(wanted)),
-    )
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = folder / "pairs.txt"
+    for done, block in in_blocks(wanted, PAIRS_A_THREAD * threads):
+        lines = "".join(f"{names[i]} {names[j]}\n" for i, j in block)
+        Path(pairing.match_list_path).write_text(lines, encoding="utf-8")
+        run(
+            lambda token: pycolmap.match_image_pairs(
+                database, matching, pairing, verification, device=pycolmap.Device.cpu, cancellation_token=token
+            )
+        )
+        progress(done + len(block), len(wanted))
     return {"pairs": len(wanted), **_verified(database, names)}
 
 
