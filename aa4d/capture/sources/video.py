@@ -17,6 +17,8 @@ from aa4d.errors import InputError
 
 EXTENSIONS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
 
+EARLY_STEPS = 3  # frames by which the last may lie before the end that the container states
+
 
 def recognises(path: Path) -> bool:
     return path.is_file() and path.suffix.lower() in EXTENSIONS
@@ -31,7 +33,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     subtitles = next((p for p in (path.with_suffix(".SRT"), path.with_suffix(".srt")) if p.is_file()), None)
     track = None if subtitles is None else read_subtitles(subtitles)
     files = (path,) if subtitles is None else (path, subtitles)
-    return Source("video", _frames(path, selection, track, notes), duration, files, notes)
+    return Source("video", _frames(path, selection, track, duration, notes), duration, files, notes)
 
 
 def _duration(path: Path) -> float | None:
@@ -53,7 +55,9 @@ def _duration(path: Path) -> float | None:
         ) from None
 
 
-def _frames(path: Path, selection: Selection, track: Track | None, notes: list[str]) -> Iterator[Picture]:
+def _frames(
+    path: Path, selection: Selection, track: Track | None, duration: float | None, notes: list[str]
+) -> Iterator[Picture]:
     """Decode in presentation order; where the data end early, what was decoded is used and a note says so."""
     import av
 
@@ -78,9 +82,12 @@ def _frames(path: Path, selection: Selection, track: Track | None, notes: list[s
                 last = seconds - first
                 position = None if track is None else track.at(last)
                 yield Picture(f"{last:.3f} s", last, None, _loader(frame), position=position)
-    except av.FFmpegError as error:
-        notes.append(f"the video ends early, at {last:.2f} s ({error.strerror}): the frames until then are used")
-    if steps and max(steps) > 1.5 * float(np.median(steps)):
+    except av.FFmpegError:
+        pass  # what follows says so
+    step = float(np.median(steps)) if steps else 0.0
+    if duration is not None and last + EARLY_STEPS * step < duration:
+        notes.append(f"the video ends early, at {last:.2f} s of {duration:.2f} s: the frames until then are used")
+    if steps and max(steps) > 1.5 * step:
         notes.append("variable frame rate: every frame keeps its own presentation time")
 
 
