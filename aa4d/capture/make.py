@@ -111,7 +111,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
 
     geometry: dict[str, Any] = {"geometry": {}, "gaps": []}
     posed = source.posed
-    if posed is None or posed.model.num_points3D() == 0:
+    if posed is None or not posed.has_points:
         found = workspace.step(
             "features",
             [how.features, how.longest_px, how.camera_model],
@@ -134,7 +134,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
                 clip, database, geometry["geometry"], how, settings.threads, settings.seed, folder, progress
             ),
         )
-    elif posed.model.num_points3D() == 0:
+    elif not posed.has_points:
         mapped = workspace.step(
             "cameras",
             ["triangulate"],

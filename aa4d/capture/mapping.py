@@ -143,7 +143,7 @@ def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: P
     progress(0, 1)
     quiet()
     with pycolmap.Database.open(matches) as opened:
-        model.transcribe_image_ids_to_database(opened)
+        model = as_in_database(model, opened)
     target = folder / "model"
     target.mkdir(exist_ok=True)
     model = run(
@@ -156,6 +156,36 @@ def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: P
     model.write(target)
     progress(1, 1)
     return _as_given(clip, model)
+
+
+def as_in_database(model: Any, database: Any) -> Any:
+    """The given cameras under the database's numbers, and its camera replaced by the given one.
+
+    Raises:
+        InputError: several cameras; features were found for one.
+    """
+    used = {model.image(i).camera_id for i in model.reg_image_ids()}
+    if len(used) > 1:
+        raise InputError(
+            f"the given poses have {len(used)} cameras and no points; one camera is needed, or a COLMAP model with "
+            "points (capture the pictures alone to have both estimated)"
+        )
+    stored = database.read_all_cameras()[0]
+    given = model.camera(used.pop())
+    camera = pycolmap.Camera(model=given.model_name, width=given.width, height=given.height, params=given.params)
+    camera.camera_id = stored.camera_id
+    database.update_camera(camera)
+    number_of = {image.name: image.image_id for image in database.read_all_images()}
+    result = pycolmap.Reconstruction()
+    result.add_camera_with_trivial_rig(camera)
+    for image_id in model.reg_image_ids():
+        given_image = model.image(image_id)
+        if given_image.name in number_of:
+            image = pycolmap.Image(
+                name=given_image.name, camera_id=camera.camera_id, image_id=number_of[given_image.name]
+            )
+            result.add_image_with_trivial_frame(image, given_image.cam_from_world())
+    return result
 
 
 def adopt(clip: Clip, model: Any, folder: Path) -> dict[str, Any]:

@@ -28,6 +28,11 @@ class PosedPictures:
     model: Any
     z_is_up: bool
 
+    @property
+    def has_points(self) -> bool:
+        """Points that know which frames show them; some programs write their points without."""
+        return any(p.track.length() > 1 for p in self.model.points3D.values())
+
     def of_clip(self, clip: Clip) -> Any:
         """A reconstruction of the clip's frames: cameras at the clip's size, images under its file names."""
         model = pycolmap.Reconstruction(self.model)
