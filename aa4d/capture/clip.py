@@ -64,6 +64,3 @@ class Clip:
         )
         width, height = value["source_size"]
         return Clip(folder, value["width"], value["height"], (width, height), frames, tuple(value["notes"]))
-
-    def paths(self) -> list[Path]:
-        return [self.folder / frame.file for frame in self.frames]

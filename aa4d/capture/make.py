@@ -29,7 +29,7 @@ from aa4d.errors import InputError, Interrupted
 from aa4d.files import make_folder, read_json_object, write_json
 
 Floats = NDArray[np.float64]
-LONGEST_TRACKLESS = 2  # a point that no more frames than these have seen is often a mismatch
+FEWEST_VIEWS = 3  # a point that fewer frames have seen is often a mismatch
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _claim(path: Path, out: Path) -> None:
             raise InputError(f"{out}: holds a capture of {other}; choose a new folder with --out")
         return
     if out.is_dir() and any(out.iterdir()):
-        raise InputError(f"{out}: not empty and not begun by `aa4d capture`; choose a new folder with --out")
+        raise InputError(f"{out}: not empty, and no unfinished work of `aa4d capture`; choose a new folder with --out")
     make_folder(record.parent)
     write_json(record, {"input": resolved})
 
@@ -233,6 +233,8 @@ def movers_kind(source: Source) -> str:
 def _left_out(clip: Clip, result: dict[str, Any]) -> list[str]:
     """What the model leaves out, in words: frames without a pose, and the other models."""
     said = []
+    if result["attempts"] > 1:
+        said.append(f"little parallax: the cameras were found with lowered thresholds, at attempt {result['attempts']}")
     for ranks in result["other_models"]:
         first, last = clip.frames[ranks[0]], clip.frames[ranks[-1]]
         said.append(
@@ -256,7 +258,7 @@ def _images_in_order(model: Any, clip: Clip) -> list[tuple[Any, int]]:
 def _points_of(model: Any) -> Cloud:
     """Points that at least three frames have seen, or all where those are too few."""
     every = list(model.points3D.values())
-    steady = [p for p in every if p.track.length() > LONGEST_TRACKLESS]
+    steady = [p for p in every if p.track.length() >= FEWEST_VIEWS]
     chosen = steady if len(steady) >= 100 else every
     return Cloud(
         np.array([p.xyz for p in chosen]).reshape(-1, 3),

@@ -11,7 +11,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
 from aa4d.capture.pictures import read_picture
@@ -74,13 +73,16 @@ class Undistortion:
 
     def picture(self, path: Path) -> NDArray[np.uint8]:
         """[H, W, 3]"""
-        return self._apply(read_picture(path), cv2.INTER_AREA, cv2.INTER_LINEAR)
+        return self.sampled(read_picture(path))
 
     def mask(self, mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """[H, W], with no values between those that it has."""
-        return self._apply(mask, cv2.INTER_NEAREST, cv2.INTER_NEAREST)
+        return self.sampled(mask, cv2.INTER_NEAREST, cv2.INTER_NEAREST)
 
-    def _apply(self, pixels: NDArray[np.uint8], shrinking: int, sampling: int) -> NDArray[np.uint8]:
+    def sampled(
+        self, pixels: NDArray[np.uint8], shrinking: int = cv2.INTER_AREA, sampling: int = cv2.INTER_LINEAR
+    ) -> NDArray[np.uint8]:
+        """[H, W, ...] from a frame of the COLMAP camera, of any size."""
         if (pixels.shape[1], pixels.shape[0]) != self._size:
             pixels = np.asarray(cv2.resize(pixels, self._size, interpolation=shrinking), np.uint8)
         if self._is_identity:
@@ -101,7 +103,3 @@ def viewmat_of(image: Any) -> Floats:
     matrix = np.eye(4)
     matrix[:3] = image.cam_from_world().matrix()
     return matrix
-
-
-def similarity_of(scale: float, rotation: Floats, translation: Floats) -> Any:
-    return pycolmap.Sim3d(scale, pycolmap.Rotation3d(rotation), translation)

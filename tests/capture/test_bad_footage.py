@@ -41,7 +41,7 @@ def clip_of(path: Path, folder: Path, selection: Selection | None = None) -> Cli
 
 
 def pixels(clip: Clip, rank: int) -> np.ndarray:
-    with Image.open(clip.paths()[rank]) as image:
+    with Image.open(clip.folder / clip.frames[rank].file) as image:
         return np.asarray(image.convert("RGB"), np.float64)
 
 
@@ -158,7 +158,7 @@ def test_pictures_of_every_kind_become_8_bit_rgb(
     for i, image in enumerate(IMAGES[:3]):
         convert(image).save(source / f"{i}.{ending}", **({"quality": 95} if ending == "jpg" else {}))
     clip = clip_of(source, tmp_path / "clip")
-    with Image.open(clip.paths()[1]) as stored:
+    with Image.open(clip.folder / clip.frames[1].file) as stored:
         assert stored.mode == "RGB"
     wanted = np.repeat(IMAGES[1].mean(axis=2, keepdims=True), 3, axis=2) if grey else IMAGES[1]
     assert np.abs(pixels(clip, 1) - wanted).mean() < 12

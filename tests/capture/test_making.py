@@ -168,7 +168,7 @@ def test_another_input_or_other_things_in_the_folder_are_refused(made: Made, fli
         make(other, made.folder)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/thesis.txt").write_text("mine")
-    with pytest.raises(InputError, match="not begun by `aa4d capture`"):
+    with pytest.raises(InputError, match="no unfinished work of `aa4d capture`"):
         make(flight, tmp_path / "mine")
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
 

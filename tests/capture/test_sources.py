@@ -178,7 +178,9 @@ def test_a_colmap_model_is_levelled_and_its_frames_stay_as_they_are(tmp_path: Pa
     capture = read_capture(made.folder)
     assert np.median(np.abs(capture.points[:, 2])) < 0.3
     heights = [(-f.viewmat[:3, :3].T @ f.viewmat[:3, 3])[2] for f in capture.frames]
-    assert heights == pytest.approx([aerial.ALTITUDE_M] * 9, rel=0.05)
+    # Level flight stays level, at the height that 43 m from the cameras to what they see comes to.
+    assert max(heights) - min(heights) < 0.1
+    assert 34 < min(heights) < 43
     # A pinhole camera's frames are not sampled anew.
     with Image.open(made.folder / capture.frames[4].image) as image:
         assert np.array_equal(np.asarray(image), aerial.pictures(aerial.arc())[4])

@@ -175,7 +175,7 @@ def test_undistortion_keeps_straight_what_is_straight_at_its_true_place() -> Non
         cv2.circle(
             image, (round((x - 0.5) * 256), round((y - 0.5) * 256)), 5 * 256, (255, 255, 255), -1, cv2.LINE_AA, 8
         )
-    undistorted = Undistortion(camera, pinhole)._apply(image, cv2.INTER_AREA, cv2.INTER_LINEAR)
+    undistorted = Undistortion(camera, pinhole).sampled(image)
     assert undistorted.shape == (pinhole.height, pinhole.width, 3)
     expected = directions @ pinhole.K.T
     assert np.allclose(pinhole_pixels(camera, pinhole, np.asarray(shown)), expected[:, :2], atol=1e-6)
@@ -198,7 +198,7 @@ def test_a_pinhole_camera_is_left_as_it_is() -> None:
     assert (pinhole.width, pinhole.height) == (64, 48)
     assert np.array_equal(pinhole.K, [[50, 0, 30], [0, 51, 25], [0, 0, 1]])
     image = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
-    assert np.array_equal(Undistortion(camera, pinhole)._apply(image, cv2.INTER_AREA, cv2.INTER_LINEAR), image)
+    assert np.array_equal(Undistortion(camera, pinhole).sampled(image), image)
 
 
 def test_steps_go_on_where_they_were_stopped(tmp_path: Path) -> None:
