@@ -7,6 +7,7 @@ TRUTH is a capture whose cameras are known (of `aa4d synth`), or a folder of fra
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,20 +22,40 @@ from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import pose_error
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
-from aa4d.files import make_folder, write_json
+from aa4d.files import make_folder, read_json_object, write_json
 
 MOVERS = ("off", "auto")
 
 
-def watch(name: str, was_done: bool) -> Callable[[int, int | None], None]:  # noqa: ARG001
-    return lambda *_: None
+class Clock:
+    """Processor seconds of every step, all threads together: other programs on the machine do not count."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._step, self._since = "", time.process_time()
+
+    def watch(self, name: str, was_done: bool) -> Callable[[int, int | None], None]:  # noqa: ARG002
+        self.stop()
+        self._step = name
+        return lambda *_: None
+
+    def stop(self) -> None:
+        now = time.process_time()
+        if self._step:
+            self.seconds[self._step] = now - self._since
+        self._since = now
 
 
 def measure(source: Path, out: Path, settings: CaptureSettings) -> dict[str, Any]:
-    """One row: makes the capture, or takes the one that is there."""
+    """One row, or the one that was measured before."""
     truth = read_capture(source) if (source / "capture.json").exists() else None
     frames = source / "frames" if truth is not None else source
-    made = make_capture(frames, out, settings, None, watch)
+    result = out.with_suffix(".json")
+    if result.exists():
+        return read_json_object(result, "a row of the table")
+    clock = Clock()
+    made = make_capture(frames, out, settings, None, clock.watch)
+    clock.stop()
     row = {
         "input": source.name,
         "frames": made.used,
@@ -43,10 +64,12 @@ def measure(source: Path, out: Path, settings: CaptureSettings) -> dict[str, Any
         "registered": made.frames / made.used,
         "points": made.points,
         "reprojection_px": made.reprojection_px,
-        "seconds": made.seconds,
-        "total_s": sum(made.seconds.values()),
+        "cpu_s": clock.seconds,
+        "total_cpu_s": sum(clock.seconds.values()),
     }
-    return row | (_error(made, truth) if truth is not None else {})
+    row |= _error(made, truth) if truth is not None else {}
+    write_json(result, row)
+    return row
 
 
 def _error(made: Made, truth: Capture) -> dict[str, float]:
@@ -65,8 +88,6 @@ def _error(made: Made, truth: Capture) -> dict[str, float]:
 
 
 def _labels(folder: Path) -> dict[str, str]:
-    from aa4d.files import read_json_object
-
     document = read_json_object(folder / "capture.json", "the index of a capture")
     return {frame["name"]: frame["source"] for frame in document["frames"]}
 
@@ -81,7 +102,7 @@ def main(
 ) -> None:
     make_folder(out)
     rows = []
-    print("input frames preset movers registered points reprojection_px trajectory_m rotation_deg total_s")
+    print("input frames preset movers registered points reprojection_px trajectory_m rotation_deg total_cpu_s")
     for source in sources:
         for count in max_frames:
             for preset in presets:
@@ -96,8 +117,8 @@ def main(
                     shown = [f"{row[k]:.3f}" if k in row else "-" for k in ("trajectory_m", "rotation_deg")]
                     print(
                         f"{row['input']} {row['frames']} {preset} {kind} {row['registered']:.2f} {row['points']} "
-                        f"{row['reprojection_px']:.2f} {' '.join(shown)} {row['total_s']:.0f}  "
-                        + " ".join(f"{k}:{v:.0f}" for k, v in row["seconds"].items()),
+                        f"{row['reprojection_px']:.2f} {' '.join(shown)} {row['total_cpu_s']:.0f}  "
+                        + " ".join(f"{k}:{v:.0f}" for k, v in row["cpu_s"].items()),
                         flush=True,
                     )
 
