@@ -13,6 +13,8 @@ from aa4d.commands.bench import bench
 from aa4d.commands.capture import capture
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
+from aa4d.commands.export import export
+from aa4d.commands.render import render
 from aa4d.commands.synth import synth
 from aa4d.commands.train import train
 from aa4d.errors import InputError, Interrupted
@@ -31,6 +33,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "capture": capture,
     "train": train,
     "eval": evaluate,
+    "render": render,
+    "export": export,
     "demo": demo,
     "bench": bench,
 }

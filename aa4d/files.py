@@ -18,7 +18,8 @@ UNFINISHED = ".part"
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder; on success it replaces `path`, on any error nothing is left."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED)
+    # The ending is kept: some libraries choose the format by it.
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=f"{UNFINISHED}{path.suffix}")
     os.close(handle)
     temporary = Path(name)
     try:
@@ -36,7 +37,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 def remove_unfinished(folder: Path) -> None:
     """Delete what a killed process left in `folder` of files that it had not finished."""
-    for left in folder.glob(f".*{UNFINISHED}"):
+    for left in folder.glob(f".*{UNFINISHED}*"):
         left.unlink(missing_ok=True)
 
 

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
 from aa4d import __version__
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Capture
+from aa4d.capture.reader import Capture, Frame, PinholeCamera, check_frames, frame_of_index, number_of, pinhole_camera
 from aa4d.errors import InputError
 from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.field.warping import CoordinateWarp
@@ -40,7 +39,9 @@ class LoadedModel:
     training_seconds: float
     capture_fingerprint: str | None
     capture_folder: Path | None
-    viewmats: dict[str, NDArray[np.float64]]  # of the frames by name: learned ones where poses were refined
+    fps: float
+    camera: PinholeCamera
+    frames: tuple[Frame, ...]
 
 
 def file_name_of(parameter: str) -> str:
@@ -123,7 +124,9 @@ def load_model(path: Path) -> LoadedModel:
             training_seconds=float(header["training"]["seconds"]),
             capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
-            viewmats={f["name"]: np.array(f["viewmat"], np.float64).reshape(4, 4) for f in header["frames"]},
+            fps=number_of(header, "fps", path),
+            camera=pinhole_camera(header, path),
+            frames=_frames(header["frames"], path),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: the header is damaged ({error!r}); copy or train it again") from None
@@ -202,6 +205,12 @@ def _frame(value: Any) -> ModelFrame:
     if not (frame.unit_m > 0 and np.array_equal(frame.matrix(), value)):
         raise ValueError("model_to_world is not a uniform scale and a translation")
     return frame
+
+
+def _frames(value: Any, path: Path) -> tuple[Frame, ...]:
+    frames = tuple(frame_of_index(frame, number, path) for number, frame in enumerate(value))
+    check_frames(frames, path)
+    return frames
 
 
 def _background(value: Any) -> tuple[float, float, float]:

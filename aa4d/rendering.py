@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from torch import Tensor
 
@@ -19,8 +19,23 @@ class Rendered:
     visible: Tensor  # [M] the anchors that were deformed and decoded
 
 
-def render(model: AdaAnchor4D, t: float | None, camera: Camera, background: Tensor, *, depth: bool = False) -> Rendered:
-    """One image at time t in [0, 1], or of the canonical scene at t = None; `camera` stands in the model frame."""
+def render(
+    model: AdaAnchor4D,
+    t: float | None,
+    camera: Camera,
+    background: Tensor,
+    *,
+    depth: bool = False,
+    anchor_features: Tensor | None = None,
+) -> Rendered:
+    """One image at time t in [0, 1], or of the canonical scene at t = None; `camera` stands in the model frame.
+
+    Args:
+        anchor_features: [N, F] anything to draw with the anchors, F at most 32: it becomes `Rendering.features`.
+    """
     visible = in_view(model.anchors.position, camera)
     gaussians = model.gaussians(t, camera, visible)
+    if anchor_features is not None:
+        offsets = model.anchors.offset.shape[1]
+        gaussians = replace(gaussians, features=anchor_features[visible].repeat_interleave(offsets, 0))
     return Rendered(rasterize(gaussians, camera, background=background, depth=depth), gaussians, visible)

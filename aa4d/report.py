@@ -16,6 +16,7 @@ from PIL import Image
 
 from aa4d.capture.reader import Capture, moving_mask, read_image
 from aa4d.errors import InputError
+from aa4d.evaluation.plots import psnr_figure
 from aa4d.files import write_text
 
 PICTURED_FRAMES = 3
@@ -30,7 +31,13 @@ def write_report(
     seconds: dict[str, float],
     blender_picture: Path,
 ) -> None:
-    """Write `path` from the renders of `aa4d eval` (NAME.png and NAME_static.png in `renders`)."""
+    """Write `path` from the renders of `aa4d eval` (NAME.png and NAME_static.png in `renders`).
+
+    Raises:
+        InputError: a render is missing, or the metrics are those of an older aa4d.
+    """
+    if "training_frames" not in metrics:
+        raise InputError(f"{path.parent}: metrics.json was written by an older aa4d; delete it and run again")
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
@@ -40,7 +47,7 @@ def write_report(
         metrics=metrics,
         seconds=seconds,
         total=sum(seconds.values()),
-        plot=_plot(metrics["frames"]),
+        plot=_svg(psnr_figure(metrics)),
         blender=_data_uri(np.asarray(Image.open(blender_picture).convert("RGB"))),
         train_frames=len(capture.of_split("train")),
         gain=ERROR_GAIN,
@@ -80,22 +87,7 @@ def _error_picture(truth: NDArray[np.uint8], render: NDArray[np.uint8]) -> NDArr
     return (colors[..., :3] * 255).round().astype(np.uint8)
 
 
-def _plot(frames: list[dict[str, Any]]) -> str:
-    """PSNR of every held-out frame, whole image and moving pixels, as SVG."""
-    figure = Figure(figsize=(7, 2.6), layout="constrained")
-    axes = figure.add_subplot()
-    series = (
-        ("psnr", "whole image", "C0", "-"),
-        ("psnr_dynamic", "moving pixels", "C1", "-"),
-        ("psnr_dynamic_static", "moving pixels, coarse stage", "C1", ":"),
-    )
-    for key, label, color, style in series:
-        points = [(f["t"], f[key]) for f in frames if f[key] is not None]
-        if points:
-            axes.plot(*zip(*points, strict=True), style, marker="o", markersize=4, color=color, label=label)
-    axes.set(xlabel="t", ylabel="PSNR, dB")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+def _svg(figure: Figure) -> str:
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg")
     return buffer.getvalue()[buffer.getvalue().index("<svg") :]

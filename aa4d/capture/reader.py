@@ -87,10 +87,10 @@ def read_capture(folder: Path) -> Capture:
     version = document.get("version")
     if not isinstance(version, int) or version < 1 or version > CAPTURE_VERSION:
         raise InputError(f"{index}: version {version!r} is not known here (newest: {CAPTURE_VERSION}); update aa4d")
-    camera = _camera(document, index)
-    frames = tuple(_frame(value, i, index) for i, value in enumerate(_list(document, "frames", index)))
-    _check_frames(frames, index)
-    fps = _number(document, "fps", index)
+    camera = pinhole_camera(document, index)
+    frames = tuple(frame_of_index(value, i, index) for i, value in enumerate(_list(document, "frames", index)))
+    check_frames(frames, index)
+    fps = number_of(document, "fps", index)
     if fps <= 0:
         raise InputError(f'{index}: key "fps" must be positive, found {fps}')
     tracks = document.get("tracks")
@@ -196,7 +196,8 @@ def _points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     return points, colors
 
 
-def _camera(document: dict[str, Any], index: Path) -> PinholeCamera:
+def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
+    """The value of key "camera"; `index` is the file to name where it is refused."""
     value = document.get("camera")
     if not isinstance(value, dict):
         raise InputError(f'{index}: key "camera" is missing or not an object')
@@ -205,41 +206,59 @@ def _camera(document: dict[str, Any], index: Path) -> PinholeCamera:
     width, height = value.get("width"), value.get("height")
     if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
         raise InputError(f"{index}: camera width and height must be positive integers, found {width!r} x {height!r}")
-    K = _matrix(value.get("K"), (3, 3), "camera K", index)
+    K = matrix_of(value.get("K"), (3, 3), "camera K", index)
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         raise InputError(f"{index}: camera K has a focal length that is not positive")
     return PinholeCamera(width, height, K)
 
 
-def _frame(value: Any, number: int, index: Path) -> Frame:
+def frame_of_index(value: Any, number: int, index: Path) -> Frame:
+    """One frame of a capture's index or of a model's header; `index` is the file to name where it is refused."""
     if not isinstance(value, dict):
         raise InputError(f"{index}: frame {number} is not an object")
-    label = f"frame {value.get('name', number)!r}"
+    name = str(value.get("name", number))
+    label = f"frame {name!r}"
+    # Pictures of a frame are written under its name.
+    if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
+        raise InputError(f"{index}: {label} has a name that is no plain file name; rename the frame")
     if value.get("viewmat") is None:
         raise InputError(f"{index}: {label} has no pose (viewmat); remove the frame or add its pose")
-    viewmat = _matrix(value["viewmat"], (4, 4), f"viewmat of {label}", index)
+    viewmat = pose_of(value["viewmat"], label, index)
+    split = value.get("split")
+    if split not in ("train", "test"):
+        raise InputError(f'{index}: split of {label} is {split!r}, expected "train" or "test"')
+    truth = value.get("truth")
+    return Frame(
+        name=name,
+        image=_inside(value.get("image"), f"image of {label}", index),
+        truth=None if truth is None else _inside(truth, f"truth of {label}", index),
+        time_s=number_of(value, "time_s", index, label),
+        t=number_of(value, "t", index, label),
+        split=split,
+        viewmat=viewmat,
+    )
+
+
+def check_name(name: str, label: str, index: Path) -> None:
+    """Pictures of a frame are written under its name, so it must not lead anywhere else."""
+    if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
+        raise InputError(f"{index}: {label} has a name that is no plain file name; rename it")
+
+
+def pose_of(value: Any, label: str, index: Path) -> NDArray[np.float64]:
+    """A world-to-camera matrix [4, 4]: a rotation and a translation, near enough to the origin."""
+    viewmat = matrix_of(value, (4, 4), f"viewmat of {label}", index)
     rotation = viewmat[:3, :3]
     rigid = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-4 and np.linalg.det(rotation) > 0
     if not rigid or np.abs(viewmat[3] - [0, 0, 0, 1]).max() > 1e-9:
         raise InputError(f"{index}: viewmat of {label} is not a rotation and a translation")
     if np.abs(rotation.T @ viewmat[:3, 3]).max() > FARTHEST_M:
         raise InputError(f"{index}: camera of {label} is over {FARTHEST_M:g} m from the origin; {RECENTRE}")
-    split = value.get("split")
-    if split not in ("train", "test"):
-        raise InputError(f'{index}: split of {label} is {split!r}, expected "train" or "test"')
-    truth = value.get("truth")
-    return Frame(
-        name=str(value.get("name", number)),
-        image=_inside(value.get("image"), f"image of {label}", index),
-        truth=None if truth is None else _inside(truth, f"truth of {label}", index),
-        time_s=_number(value, "time_s", index, label),
-        t=_number(value, "t", index, label),
-        split=split,
-        viewmat=viewmat,
-    )
+    return viewmat
 
 
-def _check_frames(frames: tuple[Frame, ...], index: Path) -> None:
+def check_frames(frames: tuple[Frame, ...], index: Path) -> None:
+    """Names that differ, times in [0, 1] that rise, something to train on; `index` is the file to name."""
     if not any(frame.split == "train" for frame in frames):
         raise InputError(f"{index}: has no training frame; at least one is needed")
     names = [frame.name for frame in frames]
@@ -271,7 +290,8 @@ def _list(document: dict[str, Any], key: str, index: Path) -> list[Any]:
     return value
 
 
-def _number(document: dict[str, Any], key: str, index: Path, label: str = "") -> float:
+def number_of(document: dict[str, Any], key: str, index: Path, label: str = "") -> float:
+    """A finite number; `index` is the file to name where it is refused."""
     value = document.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         where = f" of {label}" if label else ""
@@ -279,11 +299,13 @@ def _number(document: dict[str, Any], key: str, index: Path, label: str = "") ->
     return float(value)
 
 
-def _matrix(value: Any, shape: tuple[int, int], what: str, index: Path) -> NDArray[np.float64]:
+def matrix_of(value: Any, shape: tuple[int, ...], what: str, index: Path) -> NDArray[np.float64]:
+    """Finite numbers in that shape; `index` is the file to name where they are refused."""
     try:
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{index}: {what} is not a {shape[0]}x{shape[1]} matrix of numbers") from None
+        size = "x".join(str(side) for side in shape)
+        raise InputError(f"{index}: {what} is not a {size} matrix of numbers") from None
     if matrix.shape != shape:
         raise InputError(f"{index}: {what} has shape {matrix.shape}, expected {shape}")
     if not np.isfinite(matrix).all():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 from rich.table import Table
 from tyro.conf import Positional, arg
@@ -14,17 +14,30 @@ from aa4d.console import console, step_progress
 def evaluate(
     run: Annotated[Positional[Path], arg(help="Folder of a run, made by `aa4d train`.")],
     capture: Annotated[Path | None, arg(help="Capture folder, where it has moved since training.")] = None,
+    lpips: Annotated[
+        tuple[Literal["alex", "squeeze", "vgg"], ...] | None,
+        arg(
+            help="LPIPS by these networks. Weights are looked for in $AA4D_WEIGHTS, or in the caches of aa4d and of "
+            "torch.hub, and downloaded if absent (alex 233 MiB, squeeze 5 MiB, vgg 528 MiB). By default alex, if it is "
+            "at hand."
+        ),
+    ] = None,
 ) -> None:
-    """Score a run on the held-out frames and time its rendering; writes metrics.json."""
+    """Score a run on the held-out frames and time its rendering; writes metrics.json and eval/ into the run."""
     from aa4d.evaluation.evaluate import evaluate as run_evaluation
+    from aa4d.evaluation.lpips_weights import obtain
 
-    with step_progress("held-out frames") as progress:
-        metrics = run_evaluation(run, capture, progress)
+    with step_progress("weights of LPIPS") as progress:
+        perceptual = obtain(None if lpips is None else tuple(dict.fromkeys(lpips)), progress)
+    with step_progress("frames") as progress:
+        metrics = run_evaluation(run, capture, progress, perceptual)
     console.print(metrics_table(metrics.as_json()))
-    console.print(f"metrics: {run / 'metrics.json'}\nrenders: {run / 'eval'}")
+    for network, reason in metrics.lpips_not_measured.items():
+        console.print(f"LPIPS ({network}) not measured: {reason}", highlight=False, soft_wrap=True)
+    console.print(f"metrics: {run / 'metrics.json'}\nrenders: {run / 'eval'}", highlight=False, soft_wrap=True)
 
 
-def metrics_table(metrics: dict) -> Table:
+def metrics_table(metrics: dict[str, Any]) -> Table:
     """Quality beside cost, the full model beside itself frozen at its coarse stage."""
     table = Table(title="held-out frames")
     table.add_column("")
@@ -36,10 +49,19 @@ def metrics_table(metrics: dict) -> Table:
 
     table.add_row("PSNR", db(metrics["psnr"]), db(metrics["psnr_static"]))
     table.add_row("PSNR, moving pixels", db(metrics["psnr_dynamic"]), db(metrics["psnr_dynamic_static"]))
+    table.add_row("PSNR, still pixels", db(metrics["psnr_still"]), "")
+    for name, value in metrics["psnr_activity"].items():
+        share = f"{100 * metrics['activity_share'][name]:.1f} % of pixels"
+        table.add_row(f"PSNR, {name} ({share})", db(value), db(metrics["psnr_activity_static"].get(name)))
     table.add_row("SSIM", f"{metrics['ssim']:.4f}", "")
+    for network, value in metrics["lpips"].items():
+        table.add_row(f"LPIPS ({network})", f"{value:.4f}", "")
+    for network in metrics["lpips_not_measured"]:
+        table.add_row(f"LPIPS ({network})", "not measured", "")
+    table.add_row("PSNR of training frames", db(metrics["psnr_training"]), "")
     width, height = metrics["resolution"]
-    table.add_row("rendering", f"{metrics['fps']:.1f} fps at {width}x{height}, {metrics['threads']} thread(s)", "")
-    table.add_row("training", f"{metrics['training_seconds']:.0f} s", "")
+    table.add_row(f"rendering, {width}x{height}, {metrics['threads']} thread(s)", f"{metrics['fps']:.1f} fps", "")
+    table.add_row("training", f"{metrics['training_seconds'] / 60:.1f} min", "")
     table.add_row("anchors / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")
     return table

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import statistics
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,15 +17,18 @@ from torch import Tensor
 
 from aa4d.capture.reader import Capture, moving_mask, read_capture, read_image
 from aa4d.errors import InputError
+from aa4d.evaluation.activity import PooledError, activity_labels
 from aa4d.evaluation.image_metrics import StructuralSimilarity, psnr
+from aa4d.evaluation.lpips import Network
+from aa4d.evaluation.lpips_weights import Perceptual, obtain
+from aa4d.evaluation.plots import plot_psnr
+from aa4d.evaluation.speed import TIMED_FRAMES, WARM_UP_FRAMES, measure_speed, neural_mib
+from aa4d.evaluation.views import render_frame
 from aa4d.files import make_folder, whole_file, write_json
-from aa4d.model import AdaAnchor4D
 from aa4d.model_file import LoadedModel, load_model
-from aa4d.raster.types import Camera
-from aa4d.rendering import render
 
-WARM_UP_FRAMES = 5
-TIMED_FRAMES = 50
+TRAINING_FRAMES = 32  # at most so many of them are scored, evenly over time, for the gap to the held-out ones
+BEST_DB = 100.0  # what identical images count as
 
 
 @dataclass(frozen=True)
@@ -35,9 +37,18 @@ class FrameScore:
     t: float
     psnr: float
     ssim: float
+    lpips: dict[Network, float]  # by network
     psnr_dynamic: float | None  # over moving pixels; None without truth or where nothing moves
     psnr_dynamic_static: float | None  # the coarse stage's, on the same pixels
+    psnr_still: float | None  # over the other pixels
     moving_share: float | None
+
+
+@dataclass(frozen=True)
+class TrainingFrameScore:
+    frame: str
+    t: float
+    psnr: float
 
 
 @dataclass(frozen=True)
@@ -46,10 +57,19 @@ class Metrics:
 
     psnr: float
     ssim: float
+    lpips: dict[Network, float]  # by network
+    lpips_not_measured: dict[Network, str]  # why, by network
     psnr_dynamic: float | None
+    psnr_still: float | None
     psnr_static: float | None  # the model frozen at its coarse stage, whole image
     psnr_dynamic_static: float | None  # likewise, moving pixels
+    psnr_activity: dict[str, float]  # by activity class, errors pooled over the frames; empty without truth
+    psnr_activity_static: dict[str, float]  # likewise, the coarse stage
+    activity_share: dict[str, float]  # of the pixels with activity truth
+    psnr_training: float  # over training frames: how much of the quality is memory
     fps: float
+    warm_up_frames: int
+    timed_frames: int
     resolution: tuple[int, int]
     threads: int
     training_seconds: float
@@ -58,16 +78,25 @@ class Metrics:
     neural_mib: float  # networks and planes
     total_mib: float  # the model file
     frames: tuple[FrameScore, ...]
+    training_frames: tuple[TrainingFrameScore, ...]
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
 
 
-def evaluate(run: Path, capture_folder: Path | None, progress: Callable[[int, int], None]) -> Metrics:
-    """Score `run`/model.safetensors and write `metrics.json` and the held-out renders into `run`/eval.
+def evaluate(
+    run: Path,
+    capture_folder: Path | None,
+    progress: Callable[[int, int], None],
+    perceptual: Perceptual | None = None,
+) -> Metrics:
+    """Score `run`/model.safetensors; writes `metrics.json`, and the held-out renders and a plot into `run`/eval.
+
+    The model file is read and never written: what the held-out frames hold reaches the scores alone.
 
     Args:
         capture_folder: where the capture lies; None to follow the path in the model file.
+        perceptual: LPIPS; None for AlexNet's, where its weights are at hand.
 
     Raises:
         InputError: no model, no capture, or a capture without held-out frames.
@@ -76,78 +105,88 @@ def evaluate(run: Path, capture_folder: Path | None, progress: Callable[[int, in
         raise InputError(f"{run}: is a file; name the folder of the run that holds it")
     loaded = load_model(run / "model.safetensors")
     static = load_model(run / "coarse.safetensors") if (run / "coarse.safetensors").exists() else None
-    folder = capture_folder or loaded.capture_folder
-    if folder is None:
-        raise InputError(f"{loaded.path}: names no capture; say where it lies with --capture")
-    if capture_folder is None and not folder.is_dir():
-        raise InputError(f"{folder}: the capture is not there any more; say where it lies with --capture")
-    capture = read_capture(folder)
-    if loaded.capture_fingerprint not in (None, capture.fingerprint):
-        raise InputError(f"{folder}: is not the capture that {loaded.path} was trained on")
+    capture = capture_of(loaded, capture_folder)
     held_out = capture.of_split("test")
     if not held_out:
-        raise InputError(f'{folder}: has no held-out frame (split "test"), so there is nothing to evaluate on')
+        raise InputError(f'{capture.folder}: has no held-out frame (split "test"), so there is nothing to evaluate on')
+    perceptual = perceptual or obtain(None)
+    perceptual = perceptual.for_size(capture.camera.width, capture.camera.height)
+    training = _spread(capture.of_split("train"), TRAINING_FRAMES)
     out = run / "eval"
     make_folder(out)
+
     scores, static_psnrs = [], []
-    for done, index in enumerate(held_out):
+    by_class, by_class_static = PooledError(), PooledError()
+    for index in held_out:
         frame = capture.frames[index]
-        truth = torch.from_numpy(read_image(capture, frame)).float() / 255
-        image = render_frame(loaded, capture, index)
-        save_png(out / f"{frame.name}.png", image)
-        frozen = None
+        truth = _as_float(read_image(capture, frame))
+        picture = render_frame(loaded, capture, index)
+        save_png(out / f"{frame.name}.png", picture)
+        image, frozen = _as_float(picture), None
         if static is not None:
-            frozen = render_frame(static, capture, index)
-            save_png(out / f"{frame.name}_static.png", frozen)
-            static_psnrs.append(_finite(psnr(_as_float(frozen), truth)))
-        scores.append(_score(capture, index, truth, image, frozen))
-        progress(done + 1, len(held_out))
-    fps, gaussians = measure_speed(loaded, capture)
+            picture = render_frame(static, capture, index)
+            save_png(out / f"{frame.name}_static.png", picture)
+            frozen = _as_float(picture)
+            static_psnrs.append(_capped(psnr(frozen, truth)))
+        labels = activity_labels(capture, index)
+        if labels is not None:
+            by_class.add(image, truth, labels)
+            if frozen is not None:
+                by_class_static.add(frozen, truth, labels)
+        scores.append(_score(capture, index, truth, image, frozen, perceptual))
+        progress(len(scores), len(held_out) + len(training))
+    training_scores = []
+    for index in training:
+        training_scores.append(_score_training(loaded, capture, index))
+        progress(len(scores) + len(training_scores), len(held_out) + len(training))
+
+    speed = measure_speed(loaded, capture)
     metrics = Metrics(
         psnr=statistics.fmean(s.psnr for s in scores),
         ssim=statistics.fmean(s.ssim for s in scores),
+        lpips={network: statistics.fmean(s.lpips[network] for s in scores) for network in perceptual.loaded},
+        lpips_not_measured=perceptual.missing,
         psnr_dynamic=_mean(s.psnr_dynamic for s in scores),
+        psnr_still=_mean(s.psnr_still for s in scores),
         psnr_static=_mean(static_psnrs),
         psnr_dynamic_static=_mean(s.psnr_dynamic_static for s in scores),
-        fps=fps,
+        psnr_activity=_capped_all(by_class.psnr()),
+        psnr_activity_static=_capped_all(by_class_static.psnr()),
+        activity_share=by_class.share(),
+        psnr_training=statistics.fmean(s.psnr for s in training_scores),
+        fps=speed.fps,
+        warm_up_frames=WARM_UP_FRAMES,
+        timed_frames=TIMED_FRAMES,
         resolution=(capture.camera.width, capture.camera.height),
         threads=torch.get_num_threads(),
         training_seconds=loaded.training_seconds,
         anchors=len(loaded.model.anchors),
-        gaussians=gaussians,
+        gaussians=speed.gaussians,
         neural_mib=neural_mib(loaded.model),
         total_mib=loaded.path.stat().st_size / 2**20,
         frames=tuple(scores),
+        training_frames=tuple(training_scores),
     )
+    plot_psnr(out / "psnr.png", metrics.as_json())
     write_json(run / "metrics.json", metrics.as_json())
     return metrics
 
 
-def render_frame(loaded: LoadedModel, capture: Capture, index: int) -> NDArray[np.uint8]:
-    """The model at the time and pose of a frame: [H, W, 3] 8-bit sRGB, as it would be saved."""
-    with torch.no_grad():
-        color = render(loaded.model, *_view(loaded, capture, index)).rendering.color
-    return (color.clamp(0, 1) * 255).round().byte().numpy()
+def capture_of(loaded: LoadedModel, named: Path | None) -> Capture:
+    """The capture that a model was trained on, at the folder `named` or where the model file says.
 
-
-def measure_speed(loaded: LoadedModel, capture: Capture) -> tuple[float, int]:
-    """Frames per second of deform + decode + rasterise (median, after a warm-up), and Gaussians drawn a frame."""
-    seconds, drawn = [], []
-    with torch.no_grad():
-        for number in range(WARM_UP_FRAMES + TIMED_FRAMES):
-            view = _view(loaded, capture, number % len(capture.frames))
-            started = time.perf_counter()
-            gaussians = render(loaded.model, *view).gaussians
-            elapsed = time.perf_counter() - started
-            if number >= WARM_UP_FRAMES:
-                seconds.append(elapsed)
-                drawn.append(int((gaussians.opacities > 0).sum()))
-    return 1 / statistics.median(seconds), round(statistics.fmean(drawn))
-
-
-def neural_mib(model: AdaAnchor4D) -> float:
-    """Networks and planes, without what anchors own, in MiB: the paper's "neural size"."""
-    return sum(value.numel() * value.element_size() for value in model.networks_and_planes()) / 2**20
+    Raises:
+        InputError: it is not there, or is another one.
+    """
+    folder = named or loaded.capture_folder
+    if folder is None:
+        raise InputError(f"{loaded.path}: names no capture; say where it lies with --capture")
+    if named is None and not folder.is_dir():
+        raise InputError(f"{folder}: the capture is not there any more; say where it lies with --capture")
+    capture = read_capture(folder)
+    if loaded.capture_fingerprint not in (None, capture.fingerprint):
+        raise InputError(f"{folder}: is not the capture that {loaded.path} was trained on")
+    return capture
 
 
 def save_png(path: Path, image: NDArray[np.uint8]) -> None:
@@ -155,41 +194,54 @@ def save_png(path: Path, image: NDArray[np.uint8]) -> None:
         Image.fromarray(image).save(temporary, format="PNG")
 
 
-def _view(loaded: LoadedModel, capture: Capture, index: int) -> tuple[float | None, Camera, Tensor]:
-    c, frame = capture.camera, capture.frames[index]
-    # Where poses were refined, the model's differ from the capture's.
-    viewmat = loaded.viewmats.get(frame.name, frame.viewmat)
-    camera = loaded.frame.camera(viewmat, c.K, c.width, c.height)
-    return None if loaded.is_static else frame.t, camera, torch.tensor(loaded.background)
-
-
 def _score(
-    capture: Capture, index: int, truth: Tensor, image: NDArray[np.uint8], frozen: NDArray[np.uint8] | None
+    capture: Capture, index: int, truth: Tensor, image: Tensor, frozen: Tensor | None, perceptual: Perceptual
 ) -> FrameScore:
-    rendered = _as_float(image)
     mask = moving_mask(capture, index)
-    dynamic = dynamic_static = None
-    if mask is not None and mask.any():
+    dynamic = dynamic_static = still = None
+    if mask is not None:
         pixels = torch.from_numpy(mask)
-        dynamic = _finite(psnr(rendered, truth, pixels))
-        dynamic_static = None if frozen is None else _finite(psnr(_as_float(frozen), truth, pixels))
+        if mask.any():
+            dynamic = _capped(psnr(image, truth, pixels))
+            dynamic_static = None if frozen is None else _capped(psnr(frozen, truth, pixels))
+        if not mask.all():
+            still = _capped(psnr(image, truth, ~pixels))
     return FrameScore(
         frame=capture.frames[index].name,
         t=capture.frames[index].t,
-        psnr=_finite(psnr(rendered, truth)),
-        ssim=float(StructuralSimilarity(truth)(rendered)),
+        psnr=_capped(psnr(image, truth)),
+        ssim=float(StructuralSimilarity(truth)(image)),
+        lpips={network: measure(image, truth) for network, measure in perceptual.loaded.items()},
         psnr_dynamic=dynamic,
         psnr_dynamic_static=dynamic_static,
+        psnr_still=still,
         moving_share=None if mask is None else float(mask.mean()),
     )
+
+
+def _score_training(loaded: LoadedModel, capture: Capture, index: int) -> TrainingFrameScore:
+    frame = capture.frames[index]
+    truth = _as_float(read_image(capture, frame))
+    image = _as_float(render_frame(loaded, capture, index))
+    return TrainingFrameScore(frame.name, frame.t, _capped(psnr(image, truth)))
+
+
+def _spread(indices: list[int], count: int) -> list[int]:
+    """At most `count` of them, evenly, first and last included."""
+    positions = np.linspace(0, len(indices) - 1, min(count, len(indices))).round().astype(int)
+    return [indices[i] for i in positions]
 
 
 def _as_float(image: NDArray[np.uint8]) -> Tensor:
     return torch.from_numpy(image).float() / 255
 
 
-def _finite(decibels: float) -> float:
-    return min(decibels, 100.0) if not math.isnan(decibels) else decibels
+def _capped(decibels: float) -> float:
+    return min(decibels, BEST_DB) if not math.isnan(decibels) else decibels
+
+
+def _capped_all(decibels: dict[str, float]) -> dict[str, float]:
+    return {name: _capped(value) for name, value in decibels.items()}
 
 
 def _mean(values: Any) -> float | None:

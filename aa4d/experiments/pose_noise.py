@@ -68,7 +68,7 @@ def measure(truth: Capture, given: Capture, config: TrainingConfig, out: Path) -
     true = np.array([truth.frames[i].viewmat for i in ranks])
     distance = viewing_distance(true, truth.points)
     before = pose_error(np.array([given.frames[i].viewmat for i in ranks]), true, distance)
-    after = pose_error(np.array([loaded.viewmats[truth.frames[i].name] for i in ranks]), true, distance)
+    after = pose_error(np.array([loaded.frames[i].viewmat for i in ranks]), true, distance)
     row = {
         "angle_before_deg": before.rotation_deg,
         "angle_after_deg": after.rotation_deg,

@@ -1,0 +1,68 @@
+"""`aa4d export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from aa4d.console import console, step_progress
+
+
+def export(
+    run: Annotated[Positional[Path], arg(help="Folder of a run, made by `aa4d train`.")],
+    format: Annotated[  # noqa: A002, it is what the option is called
+        Literal["ply", "points", "usd", "4dgs"],
+        arg(
+            help="ply: 3D Gaussian splatting PLY, one file a view, for splat viewers. points: point-cloud PLY, one "
+            "file a view. usd: one file of animated points. 4dgs: one file in the 4DGS container."
+        ),
+    ] = "ply",
+    out: Annotated[
+        Path | None, arg(help="Folder for the files. By default one in RUN/export, named after what it holds.")
+    ] = None,
+    views: Annotated[
+        Literal["all", "held-out", "training"], arg(help="Which of the capture's frames to export.")
+    ] = "all",
+    path: Annotated[
+        Path | None, arg(help="Camera path whose times and places to export instead: JSON, see docs/formats.md.")
+    ] = None,
+    frames: Annotated[int | None, arg(help="Resample time to this many views.")] = None,
+    fps: Annotated[float | None, arg(help="Resample time to this frame rate, in the same seconds.")] = None,
+    time: Annotated[float | None, arg(help="Export this t in [0, 1] alone.")] = None,
+    seen_from: Annotated[
+        str,
+        arg(
+            help="Anchors look different from each side, these formats cannot: whose view to keep. `frame`: each "
+            "view's own camera. `mean`: the mean of all cameras, which does not flicker. Or the name of a frame."
+        ),
+    ] = "frame",
+    axes: Annotated[
+        Literal["world", "viewer"],
+        arg(help="world: z up. viewer: y down, which splat viewers show upright. Of ply and points."),
+    ] = "world",
+) -> None:
+    """Write a model for other programs, in world metres. Continues where it stopped; docs/export.md has the details."""
+    from aa4d.export import EXPORTERS
+    from aa4d.export import export as run_export
+    from aa4d.export.clip import Clip, mean_eye
+    from aa4d.filming.camera_path import named_path, only_time, path_of_frames, view_of_frame
+    from aa4d.model_file import load_model
+
+    loaded = load_model(run / "model.safetensors")
+    flown, name = named_path(loaded, views, path, frames, fps, None, None)
+    if time is not None:
+        flown, name = only_time(flown, time), f"t{time:g}"
+    if seen_from == "frame":
+        eye = None
+    elif seen_from == "mean":
+        eye = mean_eye(path_of_frames(loaded, "all"))
+    else:
+        eye = view_of_frame(loaded, seen_from).centre()
+    folder = out or run / "export" / f"{format}-{name}{'' if eye is None else f'-from-{seen_from}'}"
+    if out is None and axes != "world":
+        folder = folder.with_name(f"{folder.name}-{axes}")
+    with step_progress("views") as progress:
+        run_export(Clip(loaded, flown, eye, axes), format, folder, progress)
+    console.print(f"{EXPORTERS[format].says}: {folder}", highlight=False, soft_wrap=True)

@@ -1,0 +1,56 @@
+"""`aa4d render`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from aa4d.console import console, step_progress
+from aa4d.errors import InputError
+
+
+def render(
+    run: Annotated[Positional[Path], arg(help="Folder of a run, made by `aa4d train`.")],
+    out: Annotated[
+        Path | None, arg(help="Folder for the pictures. By default one in RUN/renders, named after what it shows.")
+    ] = None,
+    views: Annotated[
+        Literal["all", "held-out", "training"], arg(help="Which of the capture's frames to render, or to fly along.")
+    ] = "all",
+    path: Annotated[Path | None, arg(help="Camera path to fly instead: a JSON file, see docs/formats.md.")] = None,
+    frames: Annotated[int | None, arg(help="Resample the path smoothly to this many views.")] = None,
+    fps: Annotated[float | None, arg(help="Resample the path to this frame rate, in the same seconds.")] = None,
+    time: Annotated[float | None, arg(help="Freeze time at this t in [0, 1]: the camera alone moves.")] = None,
+    camera: Annotated[str | None, arg(help="Freeze the camera at the frame of this name: time alone runs.")] = None,
+    layers: Annotated[
+        tuple[Literal["color", "depth", "alpha", "activity", "motion"], ...],
+        arg(
+            help="What to draw. activity: how much of an anchor's aggregation weight lies on planes with time. motion: "
+            "how far an anchor is from its canonical place."
+        ),
+    ] = ("color",),
+    video: Annotated[bool, arg(help="Write an MP4 of each layer as well.")] = True,
+) -> None:
+    """Render a model along its capture or any camera path, at any time: PNG and MP4. Continues where it stopped."""
+    from aa4d.filming.camera_path import named_path
+    from aa4d.filming.film import film
+    from aa4d.filming.layers import LAYERS
+    from aa4d.model_file import load_model
+
+    if not layers:
+        raise InputError("--layers: name at least one")
+    loaded = load_model(run / "model.safetensors")
+    flown, name = named_path(loaded, views, path, frames, fps, time, camera)
+    folder = out or run / "renders" / name
+    with step_progress("views") as progress:
+        scales = film(loaded, flown, list(dict.fromkeys(layers)), folder, video=video, progress=progress)
+    for layer, (lower, upper) in scales.items():
+        console.print(
+            f"{layer}: {LAYERS[layer].meaning}, {LAYERS[layer].colormap} from {lower:.4g} to {upper:.4g} "
+            f"{LAYERS[layer].unit}".rstrip(),
+            highlight=False,
+            soft_wrap=True,
+        )
+    console.print(f"renders: {folder}", highlight=False, soft_wrap=True)

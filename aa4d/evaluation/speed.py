@@ -1,0 +1,55 @@
+"""How fast a model renders, and how large it is."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import dataclass
+
+import torch
+
+from aa4d.capture.reader import Capture
+from aa4d.evaluation.views import view_of_frame
+from aa4d.model import AdaAnchor4D
+from aa4d.model_file import LoadedModel
+from aa4d.rendering import render
+
+WARM_UP_FRAMES = 5
+TIMED_FRAMES = 50
+
+
+@dataclass(frozen=True)
+class Speed:
+    fps: float
+    gaussians: int  # mean number with a positive opacity over the timed frames
+
+
+def measure_speed(loaded: LoadedModel, capture: Capture) -> Speed:
+    """Frames per second of the whole pipeline: choose, deform, decode and rasterise, without any image file.
+
+    The median of `TIMED_FRAMES` frames, each at its own time and pose, after `WARM_UP_FRAMES` that do not count. On a
+    device that works asynchronously both ends of a frame wait for it.
+    """
+    seconds, drawn = [], []
+    with torch.no_grad():
+        for number in range(WARM_UP_FRAMES + TIMED_FRAMES):
+            view = view_of_frame(loaded, capture, number % len(capture.frames))
+            _wait_for_device(loaded.model)
+            started = time.perf_counter()
+            gaussians = render(loaded.model, *view).gaussians
+            _wait_for_device(loaded.model)
+            elapsed = time.perf_counter() - started
+            if number >= WARM_UP_FRAMES:
+                seconds.append(elapsed)
+                drawn.append(int((gaussians.opacities > 0).sum()))
+    return Speed(1 / statistics.median(seconds), round(statistics.fmean(drawn)))
+
+
+def _wait_for_device(model: AdaAnchor4D) -> None:
+    if model.anchors.position.is_cuda:
+        torch.cuda.synchronize(model.anchors.position.device)
+
+
+def neural_mib(model: AdaAnchor4D) -> float:
+    """Networks and planes, without what anchors own, in MiB: the paper's "neural size"."""
+    return sum(value.numel() * value.element_size() for value in model.networks_and_planes()) / 2**20

@@ -1,0 +1,58 @@
+"""A trained model in the formats of other programs: one module a format, entered in `EXPORTERS`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from aa4d.errors import InputError
+from aa4d.export.clip import Clip
+from aa4d.output_folder import claim_folder, digest_of
+
+INDEX = "export.json"
+VERSION = 1
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """`module` has a function `export(clip, out, progress)`, which writes what is not there yet into `out`.
+
+    It is imported on first use: what a format needs is asked of those who want it.
+    """
+
+    says: str
+    module: str
+    states_axes: bool = False  # the file says which way is up, so there is no choice
+
+
+EXPORTERS = {
+    "ply": Exporter("3D Gaussian splatting PLY, one file a view", "aa4d.export.splat_ply"),
+    "points": Exporter("point-cloud PLY with colours, one file a view", "aa4d.export.point_ply"),
+    "usd": Exporter("animated points in one USD file", "aa4d.export.usd_points", states_axes=True),
+    "4dgs": Exporter("one file in the 4DGS container", "aa4d.export.fourdgs_container", states_axes=True),
+}
+
+
+def export(clip: Clip, name: str, out: Path, progress: Progress) -> None:
+    """Write `clip` in the format `name` into the folder `out`; what a stopped export left is continued.
+
+    Raises:
+        InputError: `out` holds something else, or the format needs a package that is not installed.
+    """
+    if EXPORTERS[name].states_axes and clip.axes != "world":
+        raise InputError(f"--axes {clip.axes}: a {name} file states its axes, which are the world's; leave it out")
+    write: Callable[[Clip, Path, Progress], None] = import_module(EXPORTERS[name].module).export
+    settings = {
+        "format": "aa4d-export",
+        "version": VERSION,
+        "exporter": name,
+        "model_sha256": digest_of(clip.loaded.path),
+        "background": list(clip.loaded.background),
+        "axes": clip.axes,
+        "seen_from": "each view" if clip.eye is None else clip.eye.tolist(),
+    }
+    claim_folder(out, INDEX, settings | clip.path.as_json(), "an export")
+    write(clip, out, progress)

@@ -1,0 +1,97 @@
+"""A model over a camera path as plain Gaussians in world metres: what every exporter writes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from aa4d.filming.camera_path import CameraPath
+from aa4d.model_file import LoadedModel
+
+FAINTEST = 1 / 255  # opacity below which no rasteriser draws a Gaussian: left out
+Array = NDArray[np.float64]
+Axes = Literal["world", "viewer"]
+
+# From world (x east, y north, z up) to x right, y down, z forward, which splat viewers take for upright.
+VIEWER = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+
+@dataclass(frozen=True)
+class WorldGaussians:
+    """N Gaussians at one instant, as one eye sees them."""
+
+    ids: NDArray[np.int64]  # [N] anchor * K + offset: the same Gaussian at every time
+    means: Array  # [N, 3] metres
+    quaternions: Array  # [N, 4] w x y z, unit, w >= 0
+    scales: Array  # [N, 3] standard deviations, metres
+    opacities: Array  # [N] in [FAINTEST, 1]
+    colors: Array  # [N, 3] sRGB in [0, 1]
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Views in order. Anchors decode colours, opacities and shapes for an eye; formats without that get one's."""
+
+    loaded: LoadedModel
+    path: CameraPath
+    eye: Array | None  # [3] metres, the same for all views; None: each view's own camera
+    axes: Axes = "world"
+
+    def __len__(self) -> int:
+        return len(self.path.views)
+
+    def name(self, index: int) -> str:
+        return self.path.views[index].name
+
+    def seconds(self, index: int) -> float:
+        return index / self.path.fps
+
+    def gaussians(self, index: int) -> WorldGaussians:
+        view = self.path.views[index]
+        eye = view.centre() if self.eye is None else self.eye
+        gaussians = world_gaussians(self.loaded, view.t, eye)
+        return gaussians if self.axes == "world" else turned(gaussians, VIEWER)
+
+
+def mean_eye(path: CameraPath) -> Array:
+    """The mean of the places that the views are seen from, [3] metres."""
+    return np.mean([view.centre() for view in path.views], axis=0)
+
+
+def turned(gaussians: WorldGaussians, rotation: Rotation) -> WorldGaussians:
+    """All of them rotated about the origin."""
+    own = Rotation.from_quat(gaussians.quaternions[:, [1, 2, 3, 0]])
+    quaternions = (rotation * own).as_quat(canonical=True)[:, [3, 0, 1, 2]]
+    return replace(gaussians, means=rotation.apply(gaussians.means), quaternions=quaternions)
+
+
+def world_gaussians(loaded: LoadedModel, t: float, eye_m: Array) -> WorldGaussians:
+    """All Gaussians at time t that are not too faint to draw, out of view or not, as seen from `eye_m` [3] metres.
+
+    The model's frame is a uniform scale and a translation of the world: scales follow it, rotations do not change.
+    """
+    model, frame = loaded.model, loaded.frame
+    viewmat = np.eye(4)
+    viewmat[:3, 3] = -eye_m
+    with torch.no_grad():
+        # Of a camera the decoder takes the place alone.
+        camera = frame.camera(viewmat, np.eye(3), 1, 1)
+        decoded = model.gaussians(None if loaded.is_static else t, camera)
+    opacities = decoded.opacities.double().numpy()
+    drawn = np.flatnonzero(opacities >= FAINTEST)
+    quaternions = decoded.quaternions.double().numpy()[drawn]
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    quaternions = np.where(length > 1e-12, quaternions / np.maximum(length, 1e-12), [1.0, 0.0, 0.0, 0.0])
+    return WorldGaussians(
+        ids=drawn,
+        means=decoded.means.double().numpy()[drawn] * frame.unit_m + frame.origin_m,
+        quaternions=np.where(quaternions[:, :1] < 0, -quaternions, quaternions),
+        scales=decoded.scales.double().numpy()[drawn] * frame.unit_m,
+        opacities=opacities[drawn],
+        colors=decoded.colors.double().numpy()[drawn],
+    )

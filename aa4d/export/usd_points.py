@@ -1,0 +1,64 @@
+"""OpenUSD: one file with animated points, which Blender, Houdini, Maya and usdview read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from aa4d.errors import InputError
+from aa4d.export.clip import Array, Clip
+from aa4d.files import whole_file
+
+NAME = "points.usdc"
+
+
+def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
+    """`out`/points.usdc: the centres of the Gaussians as UsdGeomPoints, a time sample for each view.
+
+    World is z up and in metres; a width is twice the mean standard deviation; colours are linear, as USD wants them.
+    """
+    try:
+        from pxr import Sdf, Usd, UsdGeom, Vt
+    except ImportError:
+        raise InputError("--format usd: needs the package usd-core; pip install usd-core") from None
+    path = out / NAME
+    if path.exists():
+        progress(len(clip), len(clip))
+        return
+    with whole_file(path) as temporary:
+        temporary.unlink()  # USD makes its file itself
+        stage = Usd.Stage.CreateNew(str(temporary))
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        stage.SetTimeCodesPerSecond(clip.path.fps)
+        stage.SetFramesPerSecond(clip.path.fps)
+        stage.SetStartTimeCode(0)
+        stage.SetEndTimeCode(len(clip) - 1)
+        root = UsdGeom.Xform.Define(stage, "/AdaAnchor4D")
+        stage.SetDefaultPrim(root.GetPrim())
+        points = UsdGeom.Points.Define(stage, "/AdaAnchor4D/points")
+        primvars = UsdGeom.PrimvarsAPI(points)
+        color = primvars.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
+        opacity = primvars.CreatePrimvar("displayOpacity", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
+        for index in range(len(clip)):
+            g = clip.gaussians(index)
+            centres = g.means.astype(np.float32)
+            widths = (2 * g.scales.mean(axis=1)).astype(np.float32)
+            points.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(centres), index)
+            points.CreateWidthsAttr().Set(Vt.FloatArray.FromNumpy(widths), index)
+            points.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(g.ids), index)
+            if len(centres):
+                box = Vt.Vec3fArray.FromNumpy(np.stack([centres.min(0), centres.max(0)]))
+                points.CreateExtentAttr().Set(box, index)
+            color.Set(Vt.Vec3fArray.FromNumpy(linear(g.colors).astype(np.float32)), index)
+            opacity.Set(Vt.FloatArray.FromNumpy(g.opacities.astype(np.float32)), index)
+            progress(index + 1, len(clip))
+        stage.GetRootLayer().Save()
+        del points, primvars, color, opacity, root, stage
+
+
+def linear(srgb: Array) -> Array:
+    """sRGB in [0, 1] to linear light."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((np.maximum(srgb, 0.04045) + 0.055) / 1.055) ** 2.4)

@@ -1,0 +1,1 @@
+"""A trained model filmed: camera paths, what to draw, pictures and videos."""

@@ -1,0 +1,221 @@
+"""Where the camera is and what time it is, view by view; the two are independent (docs/formats.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from aa4d.capture.reader import PinholeCamera, check_name, matrix_of, number_of, pinhole_camera, pose_of
+from aa4d.errors import InputError
+from aa4d.files import read_json_object
+from aa4d.model_file import LoadedModel
+
+PATH_VERSION = 1
+Views = Literal["all", "held-out", "training"]
+_SPLITS = {"all": ("train", "test"), "held-out": ("test",), "training": ("train",)}
+
+
+@dataclass(frozen=True)
+class View:
+    name: str  # of its pictures
+    t: float  # in [0, 1]
+    viewmat: NDArray[np.float64]  # [4, 4] world (metres) to camera
+
+    def centre(self) -> NDArray[np.float64]:
+        """Where the camera stands, [3] metres."""
+        return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
+
+
+@dataclass(frozen=True)
+class CameraPath:
+    views: tuple[View, ...]
+    at: NDArray[np.float64]  # [views] where along the path each view is, rising
+    camera: PinholeCamera
+    fps: float  # of a video of the views
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "camera": self.camera.as_json(),
+            "fps": self.fps,
+            "views": [{"name": v.name, "t": v.t, "viewmat": v.viewmat.tolist()} for v in self.views],
+        }
+
+
+def path_of_frames(loaded: LoadedModel, views: Views) -> CameraPath:
+    """The poses and times of the capture's frames. A video of a part of them lasts as long as the clip.
+
+    Raises:
+        InputError: there is no such frame.
+    """
+    frames = [f for f in loaded.frames if f.split in _SPLITS[views]]
+    if not frames:
+        raise InputError(f"{loaded.path}: its capture has no {views} frame; choose other --views")
+    seconds = frames[-1].time_s - frames[0].time_s
+    return CameraPath(
+        views=tuple(View(f.name, f.t, f.viewmat) for f in frames),
+        at=np.array([f.t for f in frames]),
+        camera=loaded.camera,
+        fps=(len(frames) - 1) / seconds if seconds > 0 else loaded.fps,
+    )
+
+
+def read_camera_path(file: Path, loaded: LoadedModel) -> CameraPath:
+    """A camera path file (docs/formats.md).
+
+    Raises:
+        InputError: names the file, the view and what is wrong with it.
+    """
+    document = read_json_object(file, "a camera path")
+    if document.get("format") != "aa4d-camera-path":
+        raise InputError(f'{file}: key "format" is {document.get("format")!r}, expected "aa4d-camera-path"')
+    if document.get("version") != PATH_VERSION:
+        raise InputError(f"{file}: version {document.get('version')!r} is not known here, expected {PATH_VERSION}")
+    fps = number_of(document, "fps", file)
+    if not 0 < fps <= 1000:
+        raise InputError(f'{file}: key "fps" must be positive and at most 1000, found {fps:g}')
+    values = document.get("views")
+    if not isinstance(values, list) or not values:
+        raise InputError(f'{file}: key "views" is missing or empty')
+    views = tuple(_view(value, number, file) for number, value in enumerate(values))
+    if len({view.name for view in views}) < len(views):
+        raise InputError(f"{file}: two views have the same name; each names its own pictures")
+    camera = pinhole_camera(document, file) if "camera" in document else loaded.camera
+    return CameraPath(views, np.arange(len(views), dtype=np.float64), camera, fps)
+
+
+def _view(value: Any, number: int, file: Path) -> View:
+    if not isinstance(value, dict):
+        raise InputError(f"{file}: view {number} is not an object")
+    name = str(value.get("name", f"{number:06}"))
+    label = f"view {name!r}"
+    check_name(name, label, file)
+    known = {"name", "t", "viewmat", "position_m", "look_at_m"}
+    if unknown := sorted(value.keys() - known):
+        raise InputError(f"{file}: {label} has an unknown key {unknown[0]!r}; known are {', '.join(sorted(known))}")
+    if ("viewmat" in value) == ("position_m" in value):
+        raise InputError(f"{file}: {label} needs either viewmat, or position_m and look_at_m")
+    if "viewmat" in value:
+        viewmat = pose_of(value["viewmat"], label, file)
+    else:
+        eye = matrix_of(value["position_m"], (3,), f"position_m of {label}", file)
+        target = matrix_of(value.get("look_at_m"), (3,), f"look_at_m of {label}", file)
+        if not np.linalg.norm(target - eye) > 1e-6:
+            raise InputError(f"{file}: {label} looks at where it stands; position_m and look_at_m must differ")
+        viewmat = pose_of(looking_at(eye, target), label, file)
+    t = number_of(value, "t", file, label)
+    check_time(t, f"{file}: t of {label}")
+    return View(name, t, viewmat)
+
+
+def check_time(t: float, what: str) -> None:
+    if not 0.0 <= t <= 1.0:
+        raise InputError(f"{what} is {t:g}, outside [0, 1], the time of the clip")
+
+
+def looking_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """World-to-camera matrix [4, 4]; up in the image is world z, or world y where the camera looks straight down."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    up = np.array([0.0, 0.0, 1.0]) if np.hypot(forward[0], forward[1]) > 1e-6 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = right, np.cross(forward, right), forward
+    viewmat[:3, 3] = -viewmat[:3, :3] @ eye
+    return viewmat
+
+
+def resampled(path: CameraPath, count: int) -> CameraPath:
+    """`count` views evenly along the same path, in the same seconds: cubic in position and rotation, linear in time."""
+    if count < 1:
+        raise InputError(f"--frames {count}: must be at least 1")
+    n = len(path.views)
+    at = np.linspace(path.at[0], path.at[-1], count)
+    if n == 1:
+        same = tuple(replace(path.views[0], name=f"{i:06}") for i in range(count))
+        return CameraPath(same, np.arange(count, dtype=np.float64), path.camera, path.fps)
+    centres = CubicSpline(path.at, np.stack([v.centre() for v in path.views]))(at)
+    # Of camera to world. A hovering camera turns about nothing, and the spline's divisions by its angle stay finite.
+    rotations = RotationSpline(path.at, Rotation.from_matrix(np.stack([v.viewmat[:3, :3].T for v in path.views])))(at)
+    times = np.interp(at, path.at, [v.t for v in path.views])
+    views = []
+    for i in range(count):
+        viewmat = np.eye(4)
+        viewmat[:3, :3] = rotations[i].as_matrix().T
+        viewmat[:3, 3] = -viewmat[:3, :3] @ centres[i]
+        views.append(View(f"{i:06}", float(times[i]), viewmat))
+    return CameraPath(tuple(views), at, path.camera, path.fps * max(count - 1, 1) / (n - 1))
+
+
+def at_rate(path: CameraPath, fps: float) -> CameraPath:
+    """The same path in the same seconds at another frame rate."""
+    if not 0 < fps <= 1000:
+        raise InputError(f"--fps {fps:g}: must be positive and at most 1000")
+    seconds = (len(path.views) - 1) / path.fps
+    return replace(resampled(path, round(seconds * fps) + 1), fps=fps)
+
+
+def with_time(path: CameraPath, t: float) -> CameraPath:
+    """Time stands still, the camera moves."""
+    check_time(t, "--time")
+    return replace(path, views=tuple(replace(view, t=t) for view in path.views))
+
+
+def with_camera(path: CameraPath, viewmat: NDArray[np.float64]) -> CameraPath:
+    """The camera stands still, time runs."""
+    return replace(path, views=tuple(replace(view, viewmat=viewmat) for view in path.views))
+
+
+def only_time(path: CameraPath, t: float) -> CameraPath:
+    """One view, at time t; its camera is that of the view nearest in time."""
+    check_time(t, "--time")
+    nearest = min(range(len(path.views)), key=lambda i: abs(path.views[i].t - t))
+    view = replace(path.views[nearest], name="000000", t=t)
+    return replace(path, views=(view,), at=path.at[:1])
+
+
+def view_of_frame(loaded: LoadedModel, name: str) -> View:
+    """The pose and time of the capture's frame of that name."""
+    for frame in loaded.frames:
+        if frame.name == name:
+            return View(frame.name, frame.t, frame.viewmat)
+    first, last = loaded.frames[0].name, loaded.frames[-1].name
+    raise InputError(f"{loaded.path}: its capture has no frame {name!r}; they run from {first!r} to {last!r}")
+
+
+def named_path(
+    loaded: LoadedModel,
+    views: Views,
+    file: Path | None,
+    frames: int | None,
+    fps: float | None,
+    time: float | None,
+    camera: str | None,
+) -> tuple[CameraPath, str]:
+    """What the options of `aa4d render` and `aa4d export` describe, and a name for it.
+
+    Raises:
+        InputError: an option is out of its range, or two exclude each other.
+    """
+    if frames is not None and fps is not None:
+        raise InputError("--frames and --fps both say how many views there are; give one of them")
+    path = path_of_frames(loaded, views) if file is None else read_camera_path(file, loaded)
+    name = [views if file is None else file.stem]
+    if frames is not None:
+        path = resampled(path, frames)
+        name.append(f"{frames}")
+    if fps is not None:
+        path = at_rate(path, fps)
+        name.append(f"{fps:g}fps")
+    if time is not None:
+        path = with_time(path, time)
+        name.append(f"t{time:g}")
+    if camera is not None:
+        path = with_camera(path, view_of_frame(loaded, camera).viewmat)
+        name.append(f"from-{camera}")
+    return path, "-".join(name)

@@ -1,0 +1,151 @@
+"""What a picture can show of a model: one entry a layer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import matplotlib
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from aa4d.capture.reader import PinholeCamera
+from aa4d.errors import InputError
+from aa4d.field.aggregation import Weighted
+from aa4d.field.planes import PLANES
+from aa4d.filming.camera_path import View
+from aa4d.model import AdaAnchor4D
+from aa4d.model_file import LoadedModel
+from aa4d.raster.types import Rendering
+from aa4d.rendering import render
+
+LayerName = Literal["color", "depth", "alpha", "activity", "motion"]
+SPATIOTEMPORAL = [p for p, plane in enumerate(PLANES) if plane[1] == "t"]
+NOTHING = 0.01  # alpha below which a pixel shows nothing to colour
+BLACK = (0, 0, 0)  # what such a pixel gets
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A scalar per pixel, drawn in colours. `values` [H, W] from a rendering, in `unit`, NaN where nothing is."""
+
+    meaning: str
+    unit: str
+    colormap: str
+    values: Callable[[LoadedModel, Rendering], Tensor]
+    anchor_values: Callable[[LoadedModel, float | None], Tensor] | None = None  # [N] painted for it, if any
+    bounds: tuple[float, float] | None = None  # of the colour scale; None: measured over the views
+    from_zero: bool = False  # the scale begins at 0
+
+
+def spatiotemporal_share(loaded: LoadedModel, t: float | None) -> Tensor:
+    """[N] in [0, 1]: the part of each anchor's aggregation weights that lies on the planes with time.
+
+    Raises:
+        InputError: a model whose aggregation has no weights.
+    """
+    weights = None if t is None else aggregation_weights(loaded.model, t)
+    if weights is None:
+        raise InputError(f"{loaded.path}: has no aggregation weights, so no activity to show; choose the layer motion")
+    return weights[:, SPATIOTEMPORAL].sum(1)
+
+
+def aggregation_weights(model: AdaAnchor4D, t: float) -> Tensor | None:
+    """[N, 6] weights over the planes, mean over channels; None where the model's aggregation has none."""
+    if not isinstance(model.aggregation, Weighted):
+        return None
+    with torch.no_grad():
+        return model.aggregation.weights(model.anchors.rows().embedding_acfa, t).mean(2)
+
+
+def displacement_m(loaded: LoadedModel, t: float | None) -> Tensor:
+    """[N] how far each anchor's centre stands from its canonical place at time t, in metres."""
+    anchors = loaded.model.anchors
+    if t is None:
+        return torch.zeros_like(anchors.position[:, 0])
+    with torch.no_grad():
+        moved = loaded.model.deformed(anchors.rows(), t).position
+    return (moved - anchors.position).norm(dim=1) * loaded.frame.unit_m
+
+
+def _painted(_loaded: LoadedModel, rendering: Rendering) -> Tensor:
+    """The mean over what a pixel shows, of what the anchors were painted with."""
+    assert rendering.features is not None
+    return rendering.features[..., 0] / rendering.alpha.clamp_min(NOTHING)
+
+
+def _depth(loaded: LoadedModel, rendering: Rendering) -> Tensor:
+    assert rendering.depth is not None
+    return rendering.depth * loaded.frame.unit_m
+
+
+# Everything but colour.
+LAYERS: dict[str, Layer] = {
+    "depth": Layer("distance along the camera's axis", "m", "turbo_r", _depth),
+    "alpha": Layer("how opaque", "", "gray", lambda _, r: r.alpha, bounds=(0.0, 1.0)),
+    "activity": Layer("weight on spatio-temporal planes", "share", "viridis", _painted, spatiotemporal_share),
+    "motion": Layer("distance from the canonical place", "m", "inferno", _painted, displacement_m, from_zero=True),
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    color: NDArray[np.uint8]  # [H, W, 3]
+    values: dict[str, NDArray[np.float32]]  # by layer, [H, W], NaN where nothing is
+
+
+def draw(loaded: LoadedModel, view: View, pinhole: PinholeCamera, names: list[str]) -> Drawn:
+    """Colour and the layers of `names` that are in `LAYERS`; what is not asked for is not computed."""
+    layers = {name: LAYERS[name] for name in names if name in LAYERS}
+    t = None if loaded.is_static else view.t
+    camera = loaded.frame.camera(view.viewmat, pinhole.K, pinhole.width, pinhole.height)
+    painted = {name: layer.anchor_values(loaded, t) for name, layer in layers.items() if layer.anchor_values}
+    values = {}
+    with torch.no_grad():
+        rendering = render(
+            loaded.model,
+            t,
+            camera,
+            torch.tensor(loaded.background),
+            depth="depth" in layers,
+            anchor_features=torch.stack(list(painted.values()), dim=1) if painted else None,
+        ).rendering
+        for name, layer in layers.items():
+            value = layer.values(loaded, _of_layer(rendering, list(painted), name))
+            shown = rendering.alpha >= NOTHING
+            values[name] = torch.where(shown, value, torch.nan).numpy() if name != "alpha" else value.numpy()
+    picture = (rendering.color.clamp(0, 1) * 255).round().byte().numpy()
+    return Drawn(picture, values)
+
+
+def _of_layer(rendering: Rendering, painted: list[str], name: str) -> Rendering:
+    """The rendering with this layer's painted channel alone."""
+    if name not in painted or rendering.features is None:
+        return rendering
+    return replace(rendering, features=rendering.features[..., painted.index(name), None])
+
+
+def scale_of(layer: Layer, samples: list[NDArray[np.float32]]) -> tuple[float, float]:
+    """Lower and upper end of the colour scale: fixed, or the 1st and 99th percentile of what some views show."""
+    if layer.bounds is not None:
+        return layer.bounds
+    values = np.concatenate([s[np.isfinite(s)] for s in samples]) if samples else np.zeros(0)
+    if not len(values):
+        return 0.0, 1.0
+    lower, upper = (float(v) for v in np.percentile(values, (1, 99)))
+    if layer.from_zero:
+        lower = 0.0
+    # A scene without any difference still has a scale.
+    return (lower, upper) if upper - lower > 1e-6 * max(abs(lower), abs(upper), 1e-6) else (lower, lower + 1.0)
+
+
+def colored(layer: Layer, values: NDArray[np.float32], scale: tuple[float, float]) -> NDArray[np.uint8]:
+    """[H, W] -> [H, W, 3]; beyond the scale its ends' colours, black where nothing is."""
+    lower, upper = scale
+    share = np.clip((np.nan_to_num(values) - lower) / (upper - lower), 0, 1)
+    colors = (matplotlib.colormaps[layer.colormap](share)[..., :3] * 255).round().astype(np.uint8)
+    colors[~np.isfinite(values)] = BLACK
+    return colors
