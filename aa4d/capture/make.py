@@ -234,7 +234,7 @@ def _left_out(clip: Clip, result: dict[str, Any]) -> list[str]:
     """What the model leaves out, in words: frames without a pose, and the other models."""
     said = []
     if result["attempts"] > 1:
-        said.append(f"the cameras were found with lowered thresholds only, at attempt {result['attempts']}: see the report")
+        said.append(f"the cameras were found with lowered thresholds, at attempt {result['attempts']}: see the report")
     for ranks in result["other_models"]:
         first, last = clip.frames[ranks[0]], clip.frames[ranks[-1]]
         said.append(

@@ -75,9 +75,12 @@ def reconstruct(
     model.write(target)
     for number in range(len(ATTEMPTS)):
         shutil.rmtree(folder / f"attempt-{number}", ignore_errors=True)
+    registered = _ranks(model, names)
+    # Models may overlap: what counts of the others are the frames that the largest has not.
+    others = [sorted(set(_ranks(m, names)) - set(registered)) for m in ordered[1:]]
     return {
-        "registered": _ranks(model, names),
-        "other_models": [_ranks(m, names) for m in ordered[1:] if m.num_reg_images() >= FEWEST],
+        "registered": registered,
+        "other_models": [ranks for ranks in others if len(ranks) >= FEWEST],
         "attempts": number + 1,
         "median_angle_deg": float(np.median(angles)),
     }

@@ -195,6 +195,31 @@ def test_stopped_and_continued(flight: Path, tmp_path: Path) -> None:
     assert os.stat(features).st_mtime_ns == stamp
 
 
+def test_features_go_on_in_the_middle(flight: Path, made: Made, tmp_path: Path) -> None:
+    """What a killed run has stored is kept, and all frames stay those of one camera."""
+    import pycolmap
+
+    from aa4d.capture import features
+    from aa4d.capture.clip import Clip, ClipFrame
+
+    work = made.folder / "work/frames"
+    files = sorted(p.name for p in work.glob("*.png"))
+    frames = tuple(ClipFrame(file, file, i / 10, i, 1.0, None) for i, file in enumerate(files))
+    whole = Clip(work, aerial.WIDTH, aerial.HEIGHT, (aerial.WIDTH, aerial.HEIGHT), frames, ())
+    features.extract(replace(whole, frames=frames[:3]), None, QUICK, 1, tmp_path, lambda *_: None)
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
+        before = {i.name: database.read_keypoints(i.image_id) for i in database.read_all_images()}
+    found = features.extract(whole, None, QUICK, 1, tmp_path, lambda *_: None)
+    assert len(found["features"]) == 9
+    assert min(found["features"]) > 100
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
+        assert database.num_cameras() == 1
+        for image in database.read_all_images():
+            if image.name in before:
+                assert np.array_equal(database.read_keypoints(image.image_id), before[image.name])
+    assert set(before) == set(files[:3])
+
+
 def test_movers_are_masked_and_scored_apart(tmp_path: Path) -> None:
     truth = aerial.arc()
     fixed = aerial.town()
