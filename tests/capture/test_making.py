@@ -195,7 +195,7 @@ def test_stopped_and_continued(flight: Path, tmp_path: Path) -> None:
     assert os.stat(features).st_mtime_ns == stamp
 
 
-def test_features_go_on_in_the_middle(flight: Path, made: Made, tmp_path: Path) -> None:
+def test_features_go_on_in_the_middle(made: Made, tmp_path: Path) -> None:
     """What a killed run has stored is kept, and all frames stay those of one camera."""
     import pycolmap
 
