@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,23 @@ from aa4d.capture.colmap import in_blocks, run
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress
 
+USUAL_FOCAL = 0.8  # of the longest side: between the wide lens of most drones and the next longer one
 FRAMES_A_THREAD = 2  # in a block
 
 
 def extract(
-    clip: Clip, masks: Path | None, settings: Reconstruction, threads: int, folder: Path, progress: Progress
+    clip: Clip,
+    masks: Path | None,
+    settings: Reconstruction,
+    fov_deg: float | None,
+    threads: int,
+    folder: Path,
+    progress: Progress,
 ) -> dict[str, Any]:
     """Write `database.db` into `folder`; frames that it holds already are left as they are.
 
-    All frames are of one camera, its focal length guessed from EXIF or from the picture's width until it is solved for.
+    All frames are of one camera. Its focal length is that of the field of view, where given; else it is guessed, from
+    EXIF or as drones have it, until it is solved for.
     """
     database = folder / "database.db"
     options = pycolmap.FeatureExtractionOptions()
@@ -29,6 +38,11 @@ def extract(
     options.sift.max_num_features = settings.features
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = settings.camera_model
+    reader.default_focal_length_factor = USUAL_FOCAL
+    if fov_deg is not None:
+        focal = 0.5 * clip.width / math.tan(math.radians(fov_deg) / 2)
+        camera = pycolmap.Camera.create_from_model_name(1, settings.camera_model, focal, clip.width, clip.height)
+        reader.camera_params = camera.params_to_string()
     if masks is not None:
         reader.mask_path = masks
     names = [frame.file for frame in clip.frames]

@@ -41,6 +41,7 @@ class Made:
     used: int  # frames of the input that were tried
     points: int
     reprojection_px: float
+    fov_deg: float  # horizontal, of the capture's frames
     world: dict[str, Any]
     notes: tuple[str, ...]
     advice: tuple[str, ...]
@@ -114,8 +115,10 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     if posed is None or not posed.has_points:
         found = workspace.step(
             "features",
-            [how.features, how.longest_px, how.camera_model],
-            lambda folder, progress: features.extract(clip, masks, how, settings.threads, folder, progress),
+            [how.features, how.longest_px, how.camera_model, settings.fov_deg],
+            lambda folder, progress: features.extract(
+                clip, masks, how, settings.fov_deg, settings.threads, folder, progress
+            ),
         )
         matched = workspace.step(
             "matches",
@@ -126,12 +129,13 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         )
         geometry = matched.result
         database = matched.folder / "database.db"
+    known = settings.fov_deg is not None
     if posed is None:
         mapped = workspace.step(
             "cameras",
             [how.global_refinements, how.grown_by, settings.seed],
             lambda folder, progress: mapping.reconstruct(
-                clip, database, geometry["geometry"], how, settings.threads, settings.seed, folder, progress
+                clip, database, geometry["geometry"], how, known, settings.threads, settings.seed, folder, progress
             ),
         )
     elif not posed.has_points:
@@ -215,6 +219,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         used=len(clip.frames),
         points=len(cloud.positions),
         reprojection_px=checked["reprojection_px"]["median"],
+        fov_deg=2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0]))),
         world=world.as_json(),
         notes=tuple(notes),
         advice=tuple(said),

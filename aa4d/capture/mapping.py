@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,18 @@ class Attempt:
     initial_inliers: int
     pose_inliers: int
     point_angle_deg: float
+    solve_focal: bool = True
 
 
-ATTEMPTS = (Attempt(16, 100, 30, 1.5), Attempt(4, 50, 20, 0.7), Attempt(1.5, 30, 15, 0.3))
+# Over flat ground, a wrong focal length explains the pictures as well as the right one: the last try keeps the guess.
+ATTEMPTS = (
+    Attempt(16, 100, 30, 1.5),
+    Attempt(4, 50, 20, 0.7),
+    Attempt(1.5, 30, 15, 0.3),
+    Attempt(1.5, 30, 15, 0.3, solve_focal=False),
+)
+# Of the picture's longest side: 100 to 14 degrees across. COLMAP leaves out a frame whose camera lies outside.
+SHORTEST_FOCAL, LONGEST_FOCAL = 0.42, 4.0
 
 
 def reconstruct(
@@ -41,6 +50,7 @@ def reconstruct(
     matches: Path,
     geometry: dict[str, int],
     settings: Reconstruction,
+    focal_is_known: bool,
     threads: int,
     seed: int,
     folder: Path,
@@ -55,6 +65,7 @@ def reconstruct(
     number = 0
     names = [frame.file for frame in clip.frames]
     for number, attempt in enumerate(ATTEMPTS):
+        attempt = replace(attempt, solve_focal=attempt.solve_focal and not focal_is_known)
         tries = folder / f"attempt-{number}"
         shutil.rmtree(tries, ignore_errors=True)
         tries.mkdir()
@@ -73,8 +84,8 @@ def reconstruct(
     target = folder / "model"
     target.mkdir(exist_ok=True)
     model.write(target)
-    for number in range(len(ATTEMPTS)):
-        shutil.rmtree(folder / f"attempt-{number}", ignore_errors=True)
+    for tries in folder.glob("attempt-*"):
+        shutil.rmtree(tries)
     registered = _ranks(model, names)
     # Models may overlap: what counts of the others are the frames that the largest has not.
     others = [sorted(set(_ranks(m, names)) - set(registered)) for m in ordered[1:]]
@@ -93,6 +104,9 @@ def _options(settings: Reconstruction, attempt: Attempt, threads: int, seed: int
     options.mapper.random_seed = seed
     options.triangulation.random_seed = seed
     options.min_model_size = FEWEST
+    for part in (options, options.mapper, options.triangulation):
+        part.min_focal_length_ratio, part.max_focal_length_ratio = SHORTEST_FOCAL, LONGEST_FOCAL
+    options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = attempt.solve_focal
     options.ba_global_max_refinements = settings.global_refinements
     options.ba_global_frames_ratio = options.ba_global_points_ratio = settings.grown_by
     options.mapper.init_min_tri_angle = attempt.initial_angle_deg

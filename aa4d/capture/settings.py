@@ -40,6 +40,7 @@ class CaptureSettings:
     selection: Selection = Selection()
     movers: Literal["auto", "off"] = "auto"
     size_px: int = 1280  # longest side of the capture's frames, at most
+    fov_deg: float | None = None  # horizontal field of view of the frames, where it is known
     altitude_m: float | None = None  # median distance from cameras to what they see, where no GNSS gives the scale
     seed: int = 0
     threads: int = 2

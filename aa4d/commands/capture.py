@@ -50,6 +50,10 @@ def capture(
     annotations: Annotated[
         Path | None, arg(help="Boxes of VisDrone or UAVDT, where they do not lie where the data set puts them.")
     ] = None,
+    fov: Annotated[
+        float | None,
+        arg(help="Horizontal field of view in degrees, if known: hard to find over flat ground."),
+    ] = None,
     altitude: Annotated[
         float | None, arg(help="Metres from the camera to what it sees, which gives the scale where no GNSS does.")
     ] = None,
@@ -67,12 +71,15 @@ def capture(
         ("--longest-px", longest_px, 64),
         ("--size", size, 64),
         ("--altitude", altitude, 1e-3),
+        ("--fov", fov, 1),
         ("--start", start, 0),
         ("--seed", seed, 0),
         ("--threads", threads, 1),
     ):
         if value is not None and not least <= value < 1e9:
             raise InputError(f"{name} {value:g}: must be at least {least:g}")
+    if fov is not None and fov > 150:
+        raise InputError(f"--fov {fov:g}: must be at most 150")
     if end is not None and not end > start:
         raise InputError(f"--end {end:g}: must lie after --start {start:g}")
     selection = Selection(
@@ -83,6 +90,7 @@ def capture(
         selection=selection,
         movers=movers,
         size_px=size,
+        fov_deg=fov,
         altitude_m=altitude,
         seed=seed,
         threads=threads or os.cpu_count() or 1,
@@ -97,7 +105,7 @@ def tell(made: Made) -> None:
     unit = "metres" if made.world["unit"] == "metres" else "not metres"
     console.print(
         f"{made.frames} of {made.used} frames have a pose, {made.points} points, reprojection error "
-        f"{made.reprojection_px:.2f} px, {sum(made.seconds.values()):.0f} s\n"
+        f"{made.reprojection_px:.2f} px, field of view {made.fov_deg:.0f} degrees, {sum(made.seconds.values()):.0f} s\n"
         f"scale: {unit}; from {made.world['scale_from']}\nup: {made.world['up_from']}",
         highlight=False,
         soft_wrap=True,

@@ -154,6 +154,18 @@ def test_an_altitude_gives_the_scale(flight: Path, made: Made, tmp_path: Path) -
     assert np.median(depths) == pytest.approx(42, rel=0.02)
 
 
+def test_a_known_field_of_view_is_kept(flight: Path, tmp_path: Path) -> None:
+    made = make(flight, tmp_path / "capture", replace(SETTINGS, fov_deg=50.0))
+    # That of the undistorted frames is a little less: their edges are cut.
+    assert 46 < made.fov_deg <= 50.1
+    document = json.loads((made.folder / "work/cameras/done.json").read_text())
+    assert document["result"]["attempts"] == 1
+
+
+def test_the_field_of_view_is_found(made: Made) -> None:
+    assert made.fov_deg == pytest.approx(2 * np.degrees(np.arctan(160 / aerial.FOCAL)), abs=1.5)
+
+
 def test_the_report_needs_nothing_else(made: Made) -> None:
     html = made.report.read_text()
     assert "<canvas" in html
@@ -206,10 +218,10 @@ def test_features_go_on_in_the_middle(made: Made, tmp_path: Path) -> None:
     files = sorted(p.name for p in work.glob("*.png"))
     frames = tuple(ClipFrame(file, file, i / 10, i, 1.0, None) for i, file in enumerate(files))
     whole = Clip(work, aerial.WIDTH, aerial.HEIGHT, (aerial.WIDTH, aerial.HEIGHT), frames, ())
-    features.extract(replace(whole, frames=frames[:3]), None, QUICK, 1, tmp_path, lambda *_: None)
+    features.extract(replace(whole, frames=frames[:3]), None, QUICK, None, 1, tmp_path, lambda *_: None)
     with pycolmap.Database.open(tmp_path / "database.db") as database:
         before = {i.name: database.read_keypoints(i.image_id) for i in database.read_all_images()}
-    found = features.extract(whole, None, QUICK, 1, tmp_path, lambda *_: None)
+    found = features.extract(whole, None, QUICK, None, 1, tmp_path, lambda *_: None)
     assert len(found["features"]) == 9
     assert min(found["features"]) > 100
     with pycolmap.Database.open(tmp_path / "database.db") as database:
