@@ -240,6 +240,11 @@ def _left_out(clip: Clip, result: dict[str, Any]) -> list[str]:
     said = []
     if result["attempts"] > 1:
         said.append(f"the cameras were found with lowered thresholds, at attempt {result['attempts']}: see the report")
+    if result["focal_was_kept"]:
+        said.append(
+            "the frames do not tell the field of view (flat ground, little change of direction), and the usual one was "
+            "taken: if you know the camera's, give --fov"
+        )
     for ranks in result["other_models"]:
         first, last = clip.frames[ranks[0]], clip.frames[ranks[-1]]
         said.append(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,17 +31,11 @@ class Attempt:
     initial_inliers: int
     pose_inliers: int
     point_angle_deg: float
-    solve_focal: bool = True
 
 
-# Over flat ground, a wrong focal length explains the pictures as well as the right one: the last try keeps the guess.
-ATTEMPTS = (
-    Attempt(16, 100, 30, 1.5),
-    Attempt(4, 50, 20, 0.7),
-    Attempt(1.5, 30, 15, 0.3),
-    Attempt(1.5, 30, 15, 0.3, solve_focal=False),
-)
-# Of the picture's longest side: 100 to 14 degrees across. COLMAP leaves out a frame whose camera lies outside.
+ATTEMPTS = (Attempt(16, 100, 30, 1.5), Attempt(4, 50, 20, 0.7), Attempt(1.5, 30, 15, 0.3))
+# Of the picture's longest side: 100 to 14 degrees across. Over flat ground, a wrong focal length explains the frames as
+# well as the right one; where what is found lies outside, the guess is kept instead.
 SHORTEST_FOCAL, LONGEST_FOCAL = 0.42, 4.0
 
 
@@ -62,14 +56,16 @@ def reconstruct(
         InputError: nothing could be reconstructed; says what the frames lack and what to do.
     """
     best: dict[int, Any] = {}
-    number = 0
+    number, solve_focal = 0, not focal_is_known
     names = [frame.file for frame in clip.frames]
     for number, attempt in enumerate(ATTEMPTS):
-        attempt = replace(attempt, solve_focal=attempt.solve_focal and not focal_is_known)
         tries = folder / f"attempt-{number}"
         shutil.rmtree(tries, ignore_errors=True)
         tries.mkdir()
-        models = _map(clip, matches, _options(settings, attempt, threads, seed), tries, progress)
+        models = _map(clip, matches, _options(settings, attempt, solve_focal, threads, seed), tries, progress)
+        if solve_focal and models and not any(has_usual_focal(m) for m in models.values()):
+            solve_focal = False
+            models = _map(clip, matches, _options(settings, attempt, solve_focal, threads, seed), tries, progress)
         if _registered(models) > _registered(best):
             best = models
         if _registered(best) >= ENOUGH * len(names):
@@ -93,20 +89,19 @@ def reconstruct(
         "registered": registered,
         "other_models": [ranks for ranks in others if len(ranks) >= FEWEST],
         "attempts": number + 1,
+        "focal_was_kept": not solve_focal and not focal_is_known,
         "median_angle_deg": float(np.median(angles)),
     }
 
 
-def _options(settings: Reconstruction, attempt: Attempt, threads: int, seed: int) -> Any:
+def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int) -> Any:
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = threads
     options.random_seed = seed
     options.mapper.random_seed = seed
     options.triangulation.random_seed = seed
     options.min_model_size = FEWEST
-    for part in (options, options.mapper, options.triangulation):
-        part.min_focal_length_ratio, part.max_focal_length_ratio = SHORTEST_FOCAL, LONGEST_FOCAL
-    options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = attempt.solve_focal
+    options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = solve_focal
     options.ba_global_max_refinements = settings.global_refinements
     options.ba_global_frames_ratio = options.ba_global_points_ratio = settings.grown_by
     options.mapper.init_min_tri_angle = attempt.initial_angle_deg
@@ -132,6 +127,14 @@ def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progre
         lambda: progress(min(registered[0] + 2 if registered[0] else 0, len(clip.frames)), len(clip.frames)),
     )
     return {i: model for i, model in found.items() if model.num_reg_images() >= FEWEST}
+
+
+def has_usual_focal(model: Any) -> bool:
+    """Whether a field of view is one that cameras have."""
+    return all(
+        SHORTEST_FOCAL <= camera.mean_focal_length() / max(camera.width, camera.height) <= LONGEST_FOCAL
+        for camera in model.cameras.values()
+    )
 
 
 def _registered(models: dict[int, Any]) -> int:
@@ -219,5 +222,6 @@ def _as_given(clip: Clip, model: Any) -> dict[str, Any]:
         "registered": _ranks(model, names),
         "other_models": [],
         "attempts": 0,
+        "focal_was_kept": False,
         "median_angle_deg": float(np.median(triangulation_angles_deg(model))),
     }
