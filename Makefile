@@ -2,15 +2,16 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
-NATIVE := $(shell find aa4d/raster/csrc -type f 2>/dev/null)
+NATIVE := $(shell find aa4d/raster/csrc aa4d/kernels/csrc -type f 2>/dev/null)
 
-.PHONY: help demo test test-slow lint extension clean
+.PHONY: help demo test test-slow lint extension bench-addon clean
 
 help:
 	@echo "make demo       the main job on scenes/crossroads.toml; the result is in demo/"
 	@echo "make test       lint, types and all tests but the slow ones"
 	@echo "make test-slow  the slow tests"
 	@echo "make extension  the Blender extension, as a zip in dist/"
+	@echo "make bench-addon  what the extension costs, into dist/bench-addon.json (minutes); MODEL=... adds accuracy"
 	@echo "make clean      remove .venv, demo/ and everything built"
 
 # The stamp is newer than what the installation depends on: a second run installs nothing.
@@ -40,6 +41,10 @@ lint: $(VENV)/installed
 extension: $(VENV)/installed
 	@mkdir -p dist
 	$(BIN)/python addon/build_extension.py dist/adaanchor4d.zip
+
+bench-addon: extension
+	$(BIN)/python addon/bench_addon.py --extension dist/adaanchor4d.zip --json dist/bench-addon.json \
+		$(if $(MODEL),--model $(MODEL))
 
 clean:
 	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache

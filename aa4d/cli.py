@@ -9,12 +9,15 @@ from collections.abc import Callable
 import tyro
 from rich.console import Console
 
+from aa4d.commands.ablate import ablate
 from aa4d.commands.bench import bench
 from aa4d.commands.capture import capture
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
 from aa4d.commands.export import export
+from aa4d.commands.inspect import inspect
 from aa4d.commands.render import render
+from aa4d.commands.sweep import sweep
 from aa4d.commands.synth import synth
 from aa4d.commands.train import train
 from aa4d.errors import InputError, Interrupted
@@ -33,9 +36,12 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "capture": capture,
     "train": train,
     "eval": evaluate,
+    "inspect": inspect,
     "render": render,
     "export": export,
     "demo": demo,
+    "ablate": ablate,
+    "sweep": sweep,
     "bench": bench,
 }
 app = tyro.extras.SubcommandApp()

@@ -64,6 +64,55 @@ class TrainingBar:
 
 
 @contextmanager
+def experiment_progress() -> Iterator[ExperimentBar]:
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+        TextColumn("{task.fields[state]}"),
+        console=console,
+        disable=not console.is_terminal,
+    ) as bar:
+        yield ExperimentBar(bar)
+
+
+class ExperimentBar:
+    """One bar over the iterations of all runs, and a line for each run that ends."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._task: TaskID | None = None
+        self._at: dict[str, int] = {}
+        self._runs = self._ended = 0
+
+    def start(self, trials: int, finished: int, iterations: int) -> None:
+        self._runs, self._ended = trials, finished
+        if finished:
+            console.print(f"{finished} of {trials} runs were done before", highlight=False)
+        self._task = self._bar.add_task("runs", total=iterations, state="")
+
+    def trial_started(self, name: str) -> None:
+        self._at[name] = 0
+        self._show()
+
+    def trial_at(self, name: str, iterations: int) -> None:
+        self._at[name] = iterations
+        self._show()
+
+    def trial_ended(self, name: str, sentence: str) -> None:
+        self._ended += 1
+        console.print(f"{self._ended}/{self._runs}  {name}: {sentence}", highlight=False, soft_wrap=True)
+
+    def _show(self) -> None:
+        if self._task is not None:
+            state = f"{self._ended} of {self._runs} runs done"
+            self._bar.update(self._task, completed=sum(self._at.values()), state=state)
+
+
+@contextmanager
 def step_progress(description: str) -> Iterator[StepBar]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:

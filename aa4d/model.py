@@ -11,7 +11,7 @@ from aa4d.anchors.canonical import EMBEDDINGS, AnchorRows, Anchors
 from aa4d.anchors.decoding import AnchorState, Decoder
 from aa4d.field.aggregation import make_aggregation
 from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
-from aa4d.field.mlp import TwoLayer
+from aa4d.field.mlp import TwoLayer, evaluate_together
 from aa4d.field.planes import FeaturePlanes
 from aa4d.field.warping import CoordinateWarp
 from aa4d.raster.types import Camera, Gaussians
@@ -19,21 +19,21 @@ from aa4d.raster.types import Camera, Gaussians
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """Sizes. Marked [paper] where the paper states them; the others are 4D-GS's and Scaffold-GS's usual ones."""
+    """Sizes and switches. [paper] is stated there, the others as in aa4d/training/config.py."""
 
-    offsets: int = 10  # K
-    feature_dim: int = 32
+    offsets: int = 10  # K [Scaffold-GS]
+    feature_dim: int = 32  # [Scaffold-GS]
     embedding_dim: int = 32  # [paper]
-    plane_dim: int = 16  # C
-    spatial_resolutions: tuple[int, ...] = (64, 128)  # one a level
-    temporal_resolution: int = 25
+    plane_dim: int = 16  # C [4D-GS]; with 64 and 128 rows it gives the paper's neural sizes (docs/training.md)
+    spatial_resolutions: tuple[int, ...] = (64, 128)  # one a level [4D-GS]
+    temporal_resolution: int = 25  # rows along t; training sets it by the number of frames
     dlgd: bool = True  # off: offsets and scales do not deform
     dacw: bool = True  # off: the planes are queried at linearly normalised coordinates
     bins: int = 64  # [paper] of DACW
     weight_hidden: int = 256  # [paper] of Phi_w
     geometry_hidden: int = 128  # [paper] of Phi_o, Phi_s
-    encoder_width: int = 128
-    decoder_hidden: int = 32
+    encoder_width: int = 128  # [MoDec-GS]
+    decoder_hidden: int = 32  # [Scaffold-GS]
     aggregation: str = "acfa"  # [paper] a name in aa4d/field/aggregation.py
 
     def embeddings(self) -> tuple[str, ...]:
@@ -72,15 +72,16 @@ class AdaAnchor4D(nn.Module):
     def deformed(self, a: AnchorRows, t: float) -> AnchorState:
         """A_i(t) for one t in [0, 1] (paper, sections 4.2 to 4.4)."""
         u = self.warp(self.field.normalise(a.position))
-        h = self.aggregation(self.field(u, t), a.embedding_acfa, t)
+        h = self.aggregation(self.field, u, a.embedding_acfa, t)
         z = torch.relu(self.encoder(h))
+        shift, feature_change = evaluate_together((self.head_position, self.head_feature), z)
         offset, log_scale = a.offset, a.log_scale
         if a.embedding_offset is not None and a.embedding_scale is not None:
             offset = offset + self.dlgd_offset(a.embedding_offset, t)
             log_scale = log_scale + self.dlgd_scale(a.embedding_scale, t)
         return AnchorState(
-            position=a.position + self.head_position(z),
-            feature=a.feature + self.head_feature(z),
+            position=a.position + shift,
+            feature=a.feature + feature_change,
             offset=offset,
             scale=log_scale.exp(),
         )

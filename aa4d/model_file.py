@@ -49,6 +49,19 @@ def file_name_of(parameter: str) -> str:
     return parameter.replace("decoder.", "decoder_", 1).replace("aggregation.predictor.", "acfa.", 1)
 
 
+def _is_plane(parameter: str) -> bool:
+    return parameter.startswith("field.planes.")
+
+
+def _as_in_file(parameter: str, value: Tensor) -> Tensor:
+    """A plane is [C, R2, R1] in the file."""
+    return value.permute(2, 0, 1) if _is_plane(parameter) else value
+
+
+def _as_in_model(parameter: str, value: Tensor) -> Tensor:
+    return value.permute(1, 2, 0) if _is_plane(parameter) and value.dim() == 3 else value
+
+
 def save_model(
     path: Path,
     model: AdaAnchor4D,
@@ -84,7 +97,7 @@ def save_model(
         "background": list(background),
         "training": training,
     }
-    tensors = {file_name_of(name): value.detach().contiguous() for name, value in model.state_dict().items()}
+    tensors = {file_name_of(name): _as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
     _write(path, tensors, header)
 
 
@@ -97,13 +110,13 @@ def copy_model(source: Path, target: Path) -> None:
     _write(target, tensors, loaded_header)
 
 
-def load_model(path: Path) -> LoadedModel:
+def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     """Raises InputError: absent, cut short, not safetensors, of a newer version, or not a whole model."""
     header, tensors = read_tensors(path)
     config = _config(header, tensors, path)
     n = len(_tensor(tensors, "anchors.position", path))
     model = blank_model(config, n)
-    state = {name: _tensor(tensors, file_name_of(name), path) for name in model.state_dict()}
+    state = {name: _as_in_model(name, _tensor(tensors, file_name_of(name), path)) for name in model.state_dict()}
     for name, value in state.items():
         if not torch.isfinite(value).all():
             raise InputError(f"{path}: tensor {file_name_of(name)!r} holds NaN or infinity; train the model again")
@@ -117,7 +130,7 @@ def load_model(path: Path) -> LoadedModel:
     try:
         return LoadedModel(
             path=path,
-            model=model.eval(),
+            model=model.to(device).eval(),
             frame=_frame(header["model_to_world"]),
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),

@@ -4,8 +4,9 @@
 def register() -> None:
     """Add the operators, the panel, the menu entry, drag and drop, and the playback handler to Blender."""
     # Imported here and not above: the modules without bpy (model, field, carriers) also serve programs outside Blender.
-    from . import operators, panel, playback, properties
+    from . import operators, panel, playback, properties, translations
 
+    translations.register()
     properties.register()
     operators.register()
     panel.register()
@@ -14,9 +15,10 @@ def register() -> None:
 
 def unregister() -> None:
     """Take everything out again. Blender 4.5 as a module hangs at exit where this was not called."""
-    from . import operators, panel, playback, properties
+    from . import operators, panel, playback, properties, translations
 
     playback.unregister()
     panel.unregister()
     operators.unregister()
     properties.unregister()
+    translations.unregister()

@@ -1,47 +1,110 @@
 """Baked playback: the clip as attribute keys on the mesh, read by Geometry Nodes without this add-on."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from . import carriers, names, nodes, playback, points
+from . import carriers, names, playback, points, time_nodes
+from . import modifiers as inputs
+from .clip_time import ClipTime
+from .model import Doubles
+from .properties import ACTIVE
+
+WITH_KEYS = tuple(key.prefix for key in names.KEYS)
 
 
-def bake(obj: bpy.types.Object, on_frame: Callable[[int], None] = lambda _: None) -> int:
-    """Write the keys of every frame and switch the object to them; returns the number of frames.
+@dataclass(frozen=True)
+class BakeOptions:
+    """What to bake."""
 
-    Calls `on_frame` with the number of finished frames.
+    first: int = 1  # of the clip's frames, counted from 1
+    last: int | None = None  # the clip's last frame where None
+    step: float = 1  # frames from key to key, at most
+    inspection: bool = False  # displacement, speed and plane weights as well
+
+
+def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) -> Generator[tuple[int, int], None, None]:
+    """Write the keys and switch the object to them; yields (keys written, keys in all) after each.
+
+    What was baked before plays on until the end. An iterator that is closed early leaves everything as it was.
 
     Raises:
-        ModelFileError: as `playback.field_of`; the object is left as it was.
+        ModelFileError: as `playback.loaded_of`, or the range is not of the clip; the object is left as it was.
     """
-    field = playback.field_of(obj)
-    free(obj)
-    mesh, carrier, count = obj.data, obj.aa4d.carrier, field.model.frame_count
-    rows = points.ids(mesh)
-    for rank in range(count):
-        values = carriers.evaluate(field, carrier, field.model.time_of_rank(rank))
-        values[names.COLOR] = np.concatenate([values[names.COLOR][:, :3], values[names.OPACITY][:, None]], axis=1)
-        for key in names.carrier_keys(carrier):
-            points.write(mesh, names.key_name(key, rank), key.type, values[key.attribute][rows])
-        on_frame(rank + 1)
-    modifier = nodes.add_modifier(obj, names.KEYS_MODIFIER, nodes.keys_group(carrier))
-    nodes.set_modifier_input(modifier, nodes.KEY_COUNT, count)
-    obj.modifiers.move(len(obj.modifiers) - 1, 0)
+    loaded = playback.loaded_of(obj)
+    playback.check_fits(obj, loaded)
+    mesh, carrier, model = obj.data, obj.aa4d.carrier, loaded.field.model
+    ranks = _ranks(options, model.frame_count)
+    attributes = {*names.APPEARANCE, *playback.wanted_of(obj)}
+    if options.inspection:
+        attributes.update(names.INSPECTION)
+    keys = names.keys_of(attributes)
+    rows = playback.rows_of(mesh)
+    time, frame = playback.clip_time_of(obj, model.frame_count), scene.frame_current_final
+    try:
+        for number, rank in enumerate(ranks):
+            t = model.time_of_rank(rank)
+            if obj.aa4d.view == ACTIVE:  # the camera must be where it is then
+                _go_to(scene, time, rank)
+            center = playback.camera_center(obj, loaded, t, scene, None)
+            values = carriers.evaluate(loaded.field, carrier, t, center, attributes)
+            values[names.COLOR][:, 3] = values[names.OPACITY]
+            for key in keys:
+                name = names.UNFINISHED + names.key_name(key, number)
+                points.write(mesh, name, key.type, values[key.attribute][rows])
+            yield number + 1, len(ranks)
+    except BaseException:
+        points.remove(mesh, (names.UNFINISHED,))
+        raise
+    finally:
+        if obj.aa4d.view == ACTIVE:
+            scene.frame_set(math.floor(frame), subframe=frame % 1)
+    points.remove(mesh, WITH_KEYS)
+    for attribute in [a for a in mesh.attributes if a.name.startswith(names.UNFINISHED)]:
+        attribute.name = attribute.name.removeprefix(names.UNFINISHED)
+    modifier = time_modifier(obj)
+    modifier.node_group = time_nodes.baked_group(attributes)
+    for name, value in (
+        (time_nodes.CLIP_FRAMES, model.frame_count),
+        (time_nodes.KEY_FIRST, float(ranks[0])),
+        (time_nodes.KEY_STEP, float(ranks[1] - ranks[0]) if len(ranks) > 1 else 1.0),
+        (time_nodes.KEY_COUNT, len(ranks)),
+    ):
+        inputs.put(modifier, name, value)
     obj.aa4d.playback = "BAKED"
     mesh.update()
-    return count
 
 
 def free(obj: bpy.types.Object) -> None:
     """Remove the keys, if there are any, and switch the object to live playback."""
-    mesh = obj.data
-    prefixes = tuple(key.prefix for key in names.KEYS)
-    for name in [attribute.name for attribute in mesh.attributes if attribute.name.startswith(prefixes)]:
-        mesh.attributes.remove(mesh.attributes[name])
-    modifier = obj.modifiers.get(names.KEYS_MODIFIER)
-    if modifier is not None:
-        obj.modifiers.remove(modifier)
+    points.remove(obj.data, WITH_KEYS)
+    time_modifier(obj).node_group = time_nodes.live_group()
     obj.aa4d.playback = "LIVE"
-    mesh.update()
+    obj.data.pop(names.STAMP_PROPERTY, None)
+    obj.data.update()
+
+
+def time_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:
+    """The object's time modifier, first in its stack; made again where a person has removed it."""
+    modifier = obj.modifiers.get(names.TIME_MODIFIER)
+    if modifier is None:
+        modifier = obj.modifiers.new(names.TIME_MODIFIER, "NODES")
+        obj.modifiers.move(len(obj.modifiers) - 1, 0)
+        modifier.node_group = time_nodes.live_group()
+    return modifier
+
+
+def _go_to(scene: bpy.types.Scene, time: ClipTime, rank: float) -> None:
+    """Go to the frame of the timeline at which a clip that is not reversed, held or looped shows this rank."""
+    frame = time.start + rank / (time.speed or 1.0)
+    scene.frame_set(math.floor(frame), subframe=frame % 1)
+
+
+def _ranks(options: BakeOptions, frames: int) -> Doubles:
+    """The ranks that get a key: evenly over the range, both ends among them, at most `step` frames apart."""
+    last = frames if options.last is None else min(options.last, frames)
+    first = min(max(options.first, 1), last)
+    return np.linspace(first - 1, last - 1, math.ceil((last - first) / options.step) + 1)

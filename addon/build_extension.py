@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-DEVELOPERS_ONLY = ("build_extension.py", "make_flyover_blend.py", "__pycache__")
+DEVELOPERS_ONLY = ("build_extension.py", "make_flyover_blend.py", "bench_addon.py", "__pycache__")
 
 
 def extension_command() -> list[str]:

@@ -1,6 +1,9 @@
 """The capture's camera as an animated Blender camera with the same intrinsics and poses."""
 
 import itertools
+import json
+import re
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -31,6 +34,49 @@ def create_camera(model: Model, name: str) -> bpy.types.Object:
     _animate(obj, "location", model.camera_centers)
     _animate(obj, "rotation_quaternion", _quaternions(rotations))
     return obj
+
+
+def show_frames(camera: bpy.types.Object, model: Model) -> bool:
+    """Set the capture's frames behind the camera, in step with the timeline; whether they were found.
+
+    The path stands in the model file, so what it leads to must be a capture, and the frames must lie inside it,
+    numbered one after the other.
+    """
+    folder = capture_folder(model)
+    if folder is None or not model.images:
+        return False
+    numbered = [re.fullmatch(r"(.*?)(\d+)(\.\w+)", image) for image in model.images]
+    first = numbered[0]
+    if first is None or not all(
+        match is not None and match[1] == first[1] and match[3] == first[3] and int(match[2]) == int(first[2]) + rank
+        for rank, match in enumerate(numbered)
+    ):
+        return False
+    path = (folder / model.images[0]).resolve()
+    if not path.is_relative_to(folder) or not path.is_file():
+        return False
+    image = bpy.data.images.load(str(path))
+    image.source = "SEQUENCE" if len(numbered) > 1 else "FILE"
+    background = camera.data.background_images.new()
+    background.image, background.alpha, background.display_depth = image, 1.0, "BACK"
+    user = background.image_user
+    user.use_auto_refresh = True
+    user.frame_start, user.frame_duration = names.FIRST_FRAME, len(numbered)
+    user.frame_offset = int(first[2]) - 1  # Blender takes the first file of a sequence for number 1
+    camera.data.show_background_images = True
+    return True
+
+
+def capture_folder(model: Model) -> Path | None:
+    """The capture that the model was trained on, where it still lies beside it."""
+    if model.capture is None:
+        return None
+    try:
+        folder = (model.path.parent / model.capture).resolve()
+        index = json.loads((folder / "capture.json").read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return folder if isinstance(index, dict) and index.get("format") == "aa4d-capture" else None
 
 
 def _quaternions(rotations: Doubles) -> Doubles:

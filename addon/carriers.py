@@ -3,64 +3,132 @@
 Two carriers: the anchors, one point each, and the local Gaussians, K points an anchor.
 """
 
+from collections.abc import Collection
+
 import numpy as np
 
 from . import names
 from .container import Floats
-from .field import AnchorState, Field, LocalGaussians, anchor_state, local_gaussians, to_world
+from .field import (
+    AnchorState,
+    Field,
+    anchor_appearance,
+    anchor_positions,
+    anchor_state,
+    local_gaussians,
+    plane_weights,
+    to_world,
+)
+from .model import Doubles
 
 # How many standard deviations of its Gaussians an anchor's point reaches: fewer leave gaps, more hide small neighbours.
 RADIUS_SIGMAS = 1.5
+SPEED_STEP = 0.5  # frames to either side: the mean speed over the frame
 
 
 def point_count(field: Field, carrier: str) -> int:
     """How many points the carrier has."""
-    return field.model.anchor_count * (field.model.config.offsets if carrier == names.GAUSSIANS else 1)
+    return field.model.anchor_count * points_per_anchor(field, carrier)
 
 
-def evaluate(field: Field, carrier: str, t: float) -> dict[names.Attribute, Floats]:
-    """Every attribute of the carrier at time t, one row a point; as the capture's camera sees them."""
-    state = anchor_state(field, t)
-    gaussians = local_gaussians(field, state, field.model.camera_center_at(t))
-    displacement = np.float32(field.model.scale) * np.linalg.norm(
-        state.positions - field.model.tensors["anchors.position"], axis=1
-    )
-    if carrier == names.ANCHORS:
-        return _anchors(field, state, gaussians, displacement)
-    K = field.model.config.offsets
-    return {
-        names.POSITION: gaussians.positions.reshape(-1, 3),
-        names.COLOR: linear_rgba(gaussians.colors.reshape(-1, 3)),
-        names.OPACITY: np.maximum(gaussians.opacities, 0).reshape(-1),
-        names.SCALE: gaussians.scales.reshape(-1, 3),
-        names.ROTATION: gaussians.quaternions.reshape(-1, 4),
-        names.DISPLACEMENT: np.repeat(displacement, K),
-    }
+def points_per_anchor(field: Field, carrier: str) -> int:
+    """K for the local Gaussians, 1 for the anchors themselves."""
+    return field.model.config.offsets if carrier == names.GAUSSIANS else 1
 
 
-def _anchors(
-    field: Field, state: AnchorState, gaussians: LocalGaussians, displacement: Floats
+def evaluate(
+    field: Field, carrier: str, t: float, camera_center: Doubles, wanted: Collection[names.Attribute]
 ) -> dict[names.Attribute, Floats]:
-    """One point an anchor: its Gaussians' colours weighted by their opacity, the opacity of the most opaque one.
+    """The attributes of the carrier at time t, one row a point, as a camera at `camera_center` [3] (metres) sees them.
 
-    The radius is the opacity-weighted mean of what each Gaussian covers: the geometric mean of its two largest standard
-    deviations, since most are flat.
+    Of `names.SHAPE` and `names.INSPECTION` what is wanted; the others always.
     """
-    opacity = np.maximum(gaussians.opacities, 0)
+    shape = names.SCALE in wanted
+    state = anchor_state(field, t, offsets=carrier == names.GAUSSIANS)
+    if carrier == names.ANCHORS:
+        values = _anchors(field, state, camera_center, shape=shape)
+    else:
+        gaussians = local_gaussians(field, state, camera_center)
+        largest = np.partition(gaussians.scales, 1, axis=2)[..., 1:]
+        values = {
+            names.POSITION: gaussians.positions.reshape(-1, 3),
+            names.COLOR: linear_rgba(gaussians.colors.reshape(-1, 3)),
+            names.OPACITY: np.maximum(gaussians.opacities, 0).reshape(-1),
+            names.RADIUS: np.float32(RADIUS_SIGMAS) * np.sqrt(largest[..., 0] * largest[..., 1]).reshape(-1),
+            names.SCALE: gaussians.scales.reshape(-1, 3),
+            names.ROTATION: gaussians.quaternions.reshape(-1, 4),
+        }
+    repeats = points_per_anchor(field, carrier)
+    for attribute, value in _inspect(field, t, state.positions, wanted).items():
+        values[attribute] = np.repeat(value, repeats)
+    return values
+
+
+def positions(field: Field, carrier: str, t: float) -> Floats:
+    """Positions [points, 3] alone, world metres: for trails."""
+    if carrier == names.ANCHORS:
+        return to_world(field.model, anchor_positions(field, t))
+    state = anchor_state(field, t)
+    centers = state.positions[:, None] + state.offsets * state.scales[:, None, :3]
+    return to_world(field.model, centers.reshape(-1, 3))
+
+
+def _anchors(field: Field, state: AnchorState, camera_center: Doubles, *, shape: bool) -> dict[names.Attribute, Floats]:
+    """One point an anchor: its Gaussians' colours weighted by their opacity; opacity and shape of the most opaque one.
+
+    The radius is the opacity-weighted mean of the Gaussians' reach. The shape is scaled to that radius.
+    """
+    colors, opacities, reach = anchor_appearance(field, state, camera_center)
+    opacity = np.maximum(opacities, 0)
     share = opacity + np.float32(1e-6)  # an anchor without a visible Gaussian keeps the plain mean
     share /= share.sum(axis=1, keepdims=True)
-    ordered = np.sort(gaussians.scales, axis=2)
-    reach = np.sqrt(ordered[..., 1] * ordered[..., 2])
-    return {
+    radius = np.float32(RADIUS_SIGMAS) * np.einsum("nk,nk->n", share, reach)
+    values = {
         names.POSITION: to_world(field.model, state.positions),
-        names.COLOR: linear_rgba(np.einsum("nk,nkc->nc", share, gaussians.colors)),
+        names.COLOR: linear_rgba(np.matmul(share[:, None], colors)[:, 0]),
         names.OPACITY: opacity.max(axis=1),
-        names.RADIUS: np.float32(RADIUS_SIGMAS) * (share * reach).sum(axis=1),
-        names.DISPLACEMENT: displacement,
+        names.RADIUS: radius,
     }
+    if shape:
+        gaussians = local_gaussians(field, state, camera_center)
+        row, best = np.arange(len(opacity)), opacity.argmax(axis=1)
+        grown = radius / np.maximum(np.float32(RADIUS_SIGMAS) * reach[row, best], np.float32(1e-12))
+        values[names.SCALE] = gaussians.scales[row, best] * grown[:, None]
+        values[names.ROTATION] = gaussians.quaternions[row, best]
+    return values
+
+
+def _inspect(
+    field: Field, t: float, anchors: Floats, wanted: Collection[names.Attribute]
+) -> dict[names.Attribute, Floats]:
+    """The wanted diagnostics, one value an anchor."""
+    model = field.model
+    values: dict[names.Attribute, Floats] = {}
+    if names.DISPLACEMENT in wanted:
+        moved = anchors - model.tensors["anchors.position"]
+        values[names.DISPLACEMENT] = np.float32(model.scale) * np.linalg.norm(moved, axis=1)
+    if names.SPEED in wanted:
+        values[names.SPEED] = _speed(field, t)
+    if not set(names.WEIGHTS).isdisjoint(wanted):
+        values |= dict(zip(names.WEIGHTS, plane_weights(field, t).T, strict=True))
+    return values
+
+
+def _speed(field: Field, t: float) -> Floats:
+    """The mean speed of each anchor over the frame around t, metres a second; zero in a clip of one frame."""
+    model = field.model
+    last = model.frame_count - 1
+    if last == 0:
+        return np.zeros(model.anchor_count, np.float32)
+    before, after = max(t - SPEED_STEP / last, 0.0), min(t + SPEED_STEP / last, 1.0)
+    way = anchor_positions(field, after) - anchor_positions(field, before)
+    seconds = (after - before) * last / model.fps
+    return np.float32(model.scale / seconds) * np.linalg.norm(way, axis=1)
 
 
 def linear_rgba(srgb: Floats) -> Floats:
     """sRGB colours [n, 3] as linear ones with alpha 1, [n, 4] (IEC 61966-2-1)."""
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    return np.concatenate([linear, np.ones_like(linear[:, :1])], axis=1).astype(np.float32)
+    rgba = np.ones((len(srgb), 4), np.float32)
+    np.power((srgb + np.float32(0.055)) * np.float32(1 / 1.055), np.float32(2.4), out=rgba[:, :3])
+    np.copyto(rgba[:, :3], srgb * np.float32(1 / 12.92), where=srgb <= np.float32(0.04045))
+    return rgba

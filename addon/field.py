@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .container import Floats, ModelFileError
-from .model import PLANES, Doubles, Model
+from .model import PLANES, WEIGHTED, Doubles, Model
 
 Indices = npt.NDArray[np.intp]
 
-CHUNK = 4096  # anchors at a time: the temporaries of one chunk stay in the processor's cache
+CHUNK = 1024  # anchors at a time: the temporaries of one chunk stay in the processor's cache
 MEMORY_RATIO = 64  # of what `prepare` keeps to the size of the file; the default configuration needs about 4
 TIME_NETWORK_BIASES = ("acfa.hidden.bias", "dlgd_offset.hidden.bias", "dlgd_scale.hidden.bias")
 
@@ -42,14 +42,16 @@ class Level:
 class TimeNetwork:
     """output(relu(hidden([embedding, t]))) with the embedding's share of the hidden layer already summed."""
 
-    static: Floats  # [N, H]
+    static: Floats  # [N, H], or [1, H] where there is no embedding: the same for every anchor
     time: Floats  # [H]
     weight: Floats  # [H, outputs]
     bias: Floats  # [outputs]
 
     def __call__(self, t: float, part: slice) -> Floats:
-        """Evaluate at t for a slice of the anchors: [n, outputs]."""
-        return np.maximum(self.static[part] + np.float32(t) * self.time, 0) @ self.weight + self.bias
+        """Evaluate at t for a slice of the anchors: [n, outputs] or [1, outputs]."""
+        static = self.static[part] if len(self.static) > 1 else self.static
+        hidden = static + np.float32(t) * self.time
+        return np.maximum(hidden, 0, out=hidden) @ self.weight + self.bias
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Field:
 
     model: Model
     levels: tuple[Level, ...]  # empty for a static model
-    weights: TimeNetwork | None  # Phi_w, the scores of ACFA
+    weights: TimeNetwork | None  # Phi_w, the scores of ACFA; None where the planes are not weighted
     offset: TimeNetwork | None  # Phi_o of DLGD; None when DLGD is off
     scale: TimeNetwork | None  # Phi_s of DLGD
 
@@ -112,62 +114,112 @@ def prepare(model: Model) -> Field:
             for axis, name in enumerate(PLANES[3:])
         )
         levels.append(Level(spatial, temporal))
-    dlgd = model.config.dlgd
+    config = model.config
     return Field(
         model,
         tuple(levels),
-        _time_network(model, "acfa", "embedding_acfa"),
-        _time_network(model, "dlgd_offset", "embedding_offset") if dlgd else None,
-        _time_network(model, "dlgd_scale", "embedding_scale") if dlgd else None,
+        _time_network(model, "acfa", *WEIGHTED[config.aggregation]) if config.aggregation in WEIGHTED else None,
+        _time_network(model, "dlgd_offset", "embedding_offset", True) if config.dlgd else None,
+        _time_network(model, "dlgd_scale", "embedding_scale", True) if config.dlgd else None,
     )
 
 
-def anchor_state(field: Field, t: float) -> AnchorState:
-    """The anchors at any real time t (steps 1 to 5); outside [0, 1] the planes hold their border's value."""
+def anchor_state(field: Field, t: float, *, offsets: bool = True) -> AnchorState:
+    """The anchors at any real time t (steps 1 to 5); outside [0, 1] the planes hold their border's value.
+
+    Without `offsets` those stay canonical: who shows anchors alone does not need them.
+    """
     tensors = field.model.tensors
     positions = tensors["anchors.position"]
     features = tensors["anchors.feature"]
-    offsets = tensors["anchors.offset"]
+    spread = tensors["anchors.offset"]
     log_scales = tensors["anchors.log_scale"]
-    if field.weights is not None:
+    if field.levels:
         positions, features = positions.copy(), features.copy()
-        rows = [[_row_at(plane.rows, t) for plane in level.temporal] for level in field.levels]
-        for part in _chunks(len(positions)):
-            hidden = np.maximum(_linear(field.model, "encoder", _aggregate(field, rows, t, part)), 0)
+        for part, hidden in _encoded(field, t):
             positions[part] += _mlp(field.model, "head_position", hidden)
             features[part] += _mlp(field.model, "head_feature", hidden)
     if field.offset is not None and field.scale is not None:
-        offsets, log_scales = offsets.copy(), log_scales.copy()
+        spread, log_scales = spread.copy() if offsets else spread, log_scales.copy()
         for part in _chunks(len(positions)):
-            offsets[part] += field.offset(t, part).reshape(-1, *offsets.shape[1:])
+            if offsets:
+                spread[part] += field.offset(t, part).reshape(-1, *spread.shape[1:])
             log_scales[part] += field.scale(t, part)
-    return AnchorState(positions, features, offsets, np.exp(log_scales))
+    return AnchorState(positions, features, spread, np.exp(log_scales))
+
+
+def anchor_positions(field: Field, t: float) -> Floats:
+    """The centres [N, 3] of `anchor_state` alone, model frame."""
+    positions = field.model.tensors["anchors.position"]
+    if field.levels:
+        positions = positions.copy()
+        for part, hidden in _encoded(field, t):
+            positions[part] += _mlp(field.model, "head_position", hidden)
+    return positions
+
+
+def plane_weights(field: Field, t: float) -> Floats:
+    """The share [N, 6] that each plane has in the features of each anchor at time t, mean over the channels.
+
+    Where the planes are not weighted, and in a static model, each has a sixth.
+    """
+    shares = np.full((field.model.anchor_count, len(PLANES)), 1 / len(PLANES), np.float32)
+    if field.weights is not None:
+        for part in _chunks(len(shares)):
+            shares[part] = _softmax(field, t, part).mean(axis=2)
+    return shares
 
 
 def local_gaussians(field: Field, state: AnchorState, camera_center: Doubles) -> LocalGaussians:
     """Decode the local Gaussians as a camera at `camera_center` [3] (world metres) sees them (step 6)."""
     model = field.model
+    K = model.config.offsets
+    parts = []
+    for part, inputs in _decoder_inputs(model, state, camera_center):
+        covariance = _mlp(model, "decoder_covariance", inputs).reshape(-1, K, 7)
+        sizes = state.scales[part, None]
+        scales = np.float32(model.scale) * sizes[..., 3:] * _sigmoid(covariance[..., :3])
+        quaternions = covariance[..., 3:]
+        quaternions = quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), np.float32(1e-12))
+        positions = to_world(model, state.positions[part, None] + state.offsets[part] * sizes[..., :3])
+        parts.append((positions, *_colors_and_opacities(model, inputs), scales, quaternions))
+    return LocalGaussians(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def anchor_appearance(
+    field: Field, state: AnchorState, camera_center: Doubles
+) -> tuple[Floats, Floats, Floats]:  # sRGB [N, K, 3], opacities [N, K], reach [N, K]
+    """Of `local_gaussians` what one point an anchor needs, without places and rotations: colours, opacities, and the
+    reach of each, the geometric mean of its two largest standard deviations in metres."""
+    model = field.model
+    K = model.config.offsets
+    rows = np.arange(7 * K).reshape(K, 7)[:, :3].ravel(order="F")  # all first axes, all second, all third
+    weight = model.tensors["decoder_covariance.output.weight"][rows].T
+    bias = model.tensors["decoder_covariance.output.bias"][rows]
+    parts = []
+    for part, inputs in _decoder_inputs(model, state, camera_center):
+        hidden = np.maximum(_linear(model, "decoder_covariance.hidden", inputs), 0)
+        shares = _sigmoid(hidden @ weight + bias).reshape(-1, 3, K)
+        first, second, third = ((state.scales[part, 3 + axis, None] * shares[:, axis]) for axis in range(3))
+        most = np.maximum(np.maximum(first, second), third)
+        middle = np.maximum(np.minimum(first, second), np.minimum(np.maximum(first, second), third))
+        parts.append((*_colors_and_opacities(model, inputs), np.float32(model.scale) * np.sqrt(most * middle)))
+    colors, opacities, reach = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return colors, opacities, reach
+
+
+def _decoder_inputs(model: Model, state: AnchorState, camera_center: Doubles) -> Iterator[tuple[slice, Floats]]:
+    """[f_i(t), d] [n, F + 3] for one slice of the anchors after the other."""
     center = ((camera_center - model.translation) / model.scale).astype(np.float32)
     direction = state.positions - center
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.float32(1e-12))
-    decoded = [_decode(model, state, direction, part) for part in _chunks(len(direction))]
-    positions, colors, opacities, scales, quaternions = (np.concatenate(parts) for parts in zip(*decoded, strict=True))
-    return LocalGaussians(positions, colors, opacities, scales, quaternions)
+    for part in _chunks(len(direction)):
+        yield part, np.concatenate([state.features[part], direction[part]], axis=1)
 
 
-def _decode(model: Model, state: AnchorState, direction: Floats, part: slice) -> tuple[Floats, ...]:
-    """The fields of LocalGaussians for a slice of the anchors; `direction` [N, 3] from the camera, unit."""
-    shape = (-1, model.config.offsets)
-    inputs = np.concatenate([state.features[part], direction[part]], axis=1)
-    opacities = np.tanh(_mlp(model, "decoder_opacity", inputs))
-    colors = _sigmoid(_mlp(model, "decoder_color", inputs)).reshape(*shape, 3)
-    covariance = _mlp(model, "decoder_covariance", inputs).reshape(*shape, 7)
-    state_scales = state.scales[part, None]
-    scales = np.float32(model.scale) * state_scales[..., 3:] * _sigmoid(covariance[..., :3])
-    quaternions = covariance[..., 3:]
-    quaternions = quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), np.float32(1e-12))
-    positions = state.positions[part, None] + state.offsets[part] * state_scales[..., :3]
-    return to_world(model, positions), colors, opacities, scales, quaternions
+def _colors_and_opacities(model: Model, inputs: Floats) -> tuple[Floats, Floats]:
+    colors = _sigmoid(_mlp(model, "decoder_color", inputs)).reshape(-1, model.config.offsets, 3)
+    return colors, np.tanh(_mlp(model, "decoder_opacity", inputs))
 
 
 def to_world(model: Model, positions: Floats) -> Floats:
@@ -200,11 +252,16 @@ def _sigmoid(x: Floats) -> Floats:
     return np.float32(0.5) * (1 + np.tanh(np.float32(0.5) * x))  # the form that cannot overflow
 
 
-def _time_network(model: Model, name: str, embedding: str) -> TimeNetwork:
+def _time_network(model: Model, name: str, embedding: str | None, timed: bool) -> TimeNetwork:
+    """The network whose hidden layer sees the embedding, or not, and then the time, or not."""
     weight = model.tensors[f"{name}.hidden.weight"]
-    static = model.tensors[f"anchors.{embedding}"] @ weight[:, :-1].T + model.tensors[f"{name}.hidden.bias"]
+    seen = weight[:, : weight.shape[1] - timed]
+    static = model.tensors[f"{name}.hidden.bias"][None]
+    if embedding is not None:
+        static = model.tensors[f"anchors.{embedding}"] @ seen.T + static
+    time = weight[:, -1].copy() if timed else np.zeros(len(weight), np.float32)
     output = np.ascontiguousarray(model.tensors[f"{name}.output.weight"].T)
-    return TimeNetwork(static, weight[:, -1].copy(), output, model.tensors[f"{name}.output.bias"])
+    return TimeNetwork(static, time, output, model.tensors[f"{name}.output.bias"])
 
 
 def _warped_positions(model: Model) -> Floats:
@@ -245,16 +302,40 @@ def _row_at(rows: Floats, t: float) -> Floats:
     return rows[low] + np.float32(place - low) * (rows[min(low + 1, len(rows) - 1)] - rows[low])
 
 
-def _aggregate(field: Field, rows: list[list[Floats]], t: float, part: slice) -> Floats:
-    """Steps 2 and 3: ACFA's channel-wise softmax over the six planes, levels concatenated: [n, L * C]."""
+def _encoded(field: Field, t: float) -> Iterator[tuple[slice, Floats]]:
+    """Steps 1 to 3 and the encoder of step 4: relu(z) [n, width] for one slice of the anchors after the other."""
+    rows = [[_row_at(plane.rows, t) for plane in level.temporal] for level in field.levels]
+    for part in _chunks(field.model.anchor_count):
+        yield part, np.maximum(_linear(field.model, "encoder", _aggregate(field, rows, t, part)), 0)
+
+
+def _softmax(field: Field, t: float, part: slice) -> Floats:
+    """w_p(t) over the planes, for each channel: [n, 6, C], or [1, 6, C] where all anchors have the same."""
     assert field.weights is not None
     scores = field.weights(t, part).reshape(-1, len(PLANES), field.model.config.plane_dim)
-    weights = np.exp(scores - scores.max(axis=1, keepdims=True))
+    scores -= scores.max(axis=1, keepdims=True)
+    weights: Floats = np.exp(scores, out=scores)
     weights /= weights.sum(axis=1, keepdims=True)
+    return weights
+
+
+def _aggregate(field: Field, rows: list[list[Floats]], t: float, part: slice) -> Floats:
+    """Steps 2 and 3: the six planes' features as one, levels concatenated: [n, L * C]."""
+    weights = None if field.weights is None else _softmax(field, t, part)
     features = []
     for level, level_rows in zip(field.levels, rows, strict=True):
-        feature = np.einsum("npc,npc->nc", weights[:, :3], level.spatial[part])
-        for index, (plane, row) in enumerate(zip(level.temporal, level_rows, strict=True), start=3):
-            feature += weights[:, index] * _between(row, plane.left[part], plane.fraction[part])
+        temporal = [
+            _between(row, plane.left[part], plane.fraction[part])
+            for plane, row in zip(level.temporal, level_rows, strict=True)
+        ]
+        spatial = level.spatial[part]
+        if weights is not None:
+            feature = (weights[:, :3] * spatial).sum(axis=1)
+            for index, sample in enumerate(temporal, start=3):
+                feature += weights[:, index] * sample
+        elif field.model.config.aggregation == "product":
+            feature = spatial.prod(axis=1) * temporal[0] * temporal[1] * temporal[2]
+        else:  # mean
+            feature = (spatial.sum(axis=1) + temporal[0] + temporal[1] + temporal[2]) / np.float32(len(PLANES))
         features.append(feature)
     return np.concatenate(features, axis=1)

@@ -16,6 +16,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 SAMPLES = 16  # the materials only emit: samples smooth edges, there is no light to gather
 GAUSSIAN_SAMPLES = 4  # a sample passes through dozens of Gaussians; what noise is left, denoising takes out
@@ -34,6 +35,13 @@ def arguments() -> argparse.Namespace:
         "--gaussians", action="store_true", help="render the local Gaussians instead of the anchors: slower, far finer"
     )
     parser.add_argument("--render", type=Path, help="also render one frame to this PNG")
+    parser.add_argument(
+        "--car",
+        type=float,
+        nargs=4,
+        metavar=("X0", "Y0", "X1", "Y1"),
+        help="drive a CG car from one place to another (metres) over the clip, lit, hidden and shadowed by the scene",
+    )
     parser.add_argument("--frame", type=int, help="which frame to open on and to render; the middle one by default")
     return parser.parse_args(given)
 
@@ -120,10 +128,12 @@ def build_scene(options: argparse.Namespace) -> None:
     for obj in scene.objects:
         if obj.type == "MESH":
             obj.aa4d.filepath = bpy.path.relpath(str(options.model.resolve()), start=str(options.out.resolve().parent))
+    if options.car is not None:
+        add_car(points, options.car)
     scene.frame_set(frame)
     scene.cycles.samples = GAUSSIAN_SAMPLES if options.gaussians else SAMPLES
     scene.cycles.use_denoising = options.gaussians  # transparency is sampled; bare points have no noise to take out
-    scene.cycles.max_bounces = 0
+    scene.cycles.max_bounces = 2 if options.car is not None else 0
     scene.render.resolution_percentage = max(100, round(100 * 640 / scene.render.resolution_x))
     for screen in bpy.data.screens:
         for area in screen.areas:
@@ -180,6 +190,54 @@ def add_gaussians(options: argparse.Namespace) -> None:
     look.show_viewport = True
     obj.select_set(False)
     obj.hide_viewport = True
+
+
+def add_car(points: Any, path: list[float]) -> None:
+    """A car of a few boxes that drives along `path`, on the ground, under a sun; the reconstruction is lit."""
+    import importlib
+
+    import bpy
+    import numpy as np
+
+    scene = bpy.context.scene
+    shown = [obj for obj in scene.objects if obj.type == "MESH" and obj.aa4d.filepath and not obj.hide_render]
+    for obj in shown:
+        obj.hide_viewport = False
+        bpy.context.view_layer.objects.active = obj
+        bpy.ops.aa4d.set_up_compositing(mode="SCENE")
+        obj.hide_viewport = obj is not points
+    package = next(name for name in sys.modules if name.endswith(".adaanchor4d"))
+    compositing = importlib.import_module(f"{package}.compositing")
+    places = np.empty(3 * len(points.data.vertices), np.float32)
+    points.data.attributes["position"].data.foreach_get("vector", places)
+    ground = compositing.fit_ground(places.reshape(-1, 3))
+    paint = bpy.data.materials.new("Car Paint")
+    if bpy.app.version < (5, 0):
+        paint.use_nodes = True
+    shader = next(node for node in paint.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Base Color"].default_value, shader.inputs["Roughness"].default_value = (1.0, 0.25, 0.0, 1.0), 0.3
+    car = bpy.data.objects.new("CG Car", None)
+    scene.collection.objects.link(car)
+    for name, size, place in (
+        ("Body", (4.4, 1.8, 0.8), (0, 0, 0.7)),
+        ("Cabin", (2.2, 1.6, 0.6), (-0.2, 0, 1.4)),
+        *((f"Wheel {x} {y}", (0.6, 0.2, 0.6), (x, y, 0.3)) for x in (-1.4, 1.4) for y in (-0.85, 0.85)),
+    ):
+        bpy.ops.mesh.primitive_cube_add(size=1)
+        part = bpy.context.active_object
+        part.name, part.scale, part.location, part.parent = name, size, place, car
+        part.data.materials.append(paint)
+        part.select_set(False)
+    ends = np.array(path).reshape(2, 2)
+    car.rotation_euler = (0, 0, float(np.arctan2(*(ends[1] - ends[0])[::-1])))
+    for frame, xy in zip((scene.frame_start, scene.frame_end), ends, strict=True):
+        car.location = (*xy, float(ground.z(xy)))
+        car.keyframe_insert("location", frame=frame)
+    for curve in car.animation_data.action.layers[0].strips[0].channelbags[0].fcurves:
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
+    world = scene.world.node_tree.nodes
+    next(node for node in world if node.type == "BACKGROUND").inputs["Strength"].default_value = 1.0
 
 
 def main() -> int:

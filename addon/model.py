@@ -17,6 +17,13 @@ Doubles = npt.NDArray[np.float64]
 
 VERSION = 1
 PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
+# What Phi_w sees in each aggregation that has weights: an embedding of the anchors, and whether the time.
+WEIGHTED: dict[str, tuple[str | None, bool]] = {
+    "acfa": ("embedding_acfa", True),
+    "anchor_only": ("embedding_acfa", False),
+    "time_only": (None, True),
+}
+AGGREGATIONS = (*WEIGHTED, "mean", "product")
 WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
 LIMIT_M = 10_000.0  # a world has a local origin; beyond 10 km float32 loses millimetres
 
@@ -31,6 +38,7 @@ class Config:
     plane_dim: int
     levels: int
     bins: int
+    aggregation: str
     dlgd: bool
 
 
@@ -55,6 +63,8 @@ class Model:
     fps: float
     camera: Camera
     viewmats: Doubles  # [frames, 4, 4], world to camera, in presentation order
+    images: tuple[str, ...]  # of the frames, relative to the capture; empty where the file does not say
+    capture: str | None  # the capture's folder, relative to the model file
     background: tuple[float, float, float]  # sRGB
     tensors: Mapping[str, Floats]
 
@@ -117,6 +127,8 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         camera = _camera(information["camera"])
         viewmats = _viewmats(information["frames"])
         background = _array(information["background"], (3,), "background")
+        images = tuple(frame.get("image") for frame in information["frames"])
+        capture = information.get("capture")
     except KeyError as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata lacks or misspells {error}.") from error
     except (TypeError, AttributeError) as error:
@@ -134,6 +146,8 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         fps=fps,
         camera=camera,
         viewmats=viewmats,
+        images=images if all(isinstance(image, str) for image in images) else (),
+        capture=capture if isinstance(capture, str) else None,
         background=(float(background[0]), float(background[1]), float(background[2])),
         tensors=tensors,
     )
@@ -164,12 +178,17 @@ def _array(value: Any, shape: tuple[int, ...], name: str) -> Doubles:
 
 
 def _config(value: Any) -> Config:
+    aggregation = value.get("aggregation", "acfa")
     _require(
-        value["aggregation"] == "acfa", f"aggregation {value['aggregation']!r} is unknown; this add-on knows 'acfa'"
+        aggregation in AGGREGATIONS,
+        f"aggregation {aggregation!r} is unknown; this add-on knows {', '.join(AGGREGATIONS)}",
     )
-    _require(type(value["dlgd"]) is bool, "config.dlgd must be true or false")
+    # Without DACW the boundaries are uniform: nothing here depends on that switch.
+    for switch in ("dlgd", "dacw"):
+        _require(type(value.get(switch, True)) is bool, f"config.{switch} must be true or false")
     names = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins")
-    return Config(**{name: _integer(value[name], f"config.{name}", WIDEST) for name in names}, dlgd=value["dlgd"])
+    sizes = {name: _integer(value[name], f"config.{name}", WIDEST) for name in names}
+    return Config(**sizes, aggregation=aggregation, dlgd=value.get("dlgd", True))
 
 
 def _similarity(value: Any) -> tuple[float, Doubles]:
@@ -244,7 +263,6 @@ def _check_shapes(file_name: str, entries: Mapping[str, Entry], config: Config, 
     network("decoder_covariance", 7 * K, F + 3)
     if static:
         return names
-    names.append(expect("anchors.embedding_acfa", count, E))
     names.append(expect("field.box", 2, 3))
     names.append(expect("warp.boundaries", 3, config.bins + 1))
     for level in range(config.levels):
@@ -256,7 +274,11 @@ def _check_shapes(file_name: str, entries: Mapping[str, Entry], config: Config, 
                     f"{file_name}: tensor {name} has shape {list(shape)}, not [{config.plane_dim}, rows, columns]."
                 )
             names.append(name)
-    network("acfa", len(PLANES) * config.plane_dim, E + 1)
+    if config.aggregation in WEIGHTED:
+        embedding, timed = WEIGHTED[config.aggregation]
+        if embedding is not None:
+            names.append(expect(f"anchors.{embedding}", count, E))
+        network("acfa", len(PLANES) * config.plane_dim, (E if embedding is not None else 0) + timed)
     width = layer("encoder", None, config.levels * config.plane_dim)
     network("head_position", 3, width)
     network("head_feature", F, width)

@@ -1,8 +1,10 @@
 """Every name the add-on leaves in a .blend: attributes, keys, groups, modifiers, in one table.
 
-The prefix keeps clear of Blender's own attribute names (an attribute called `color` renders black in Cycles).
+The prefix keeps clear of Blender's own attribute names (an attribute called `color` renders black in Cycles). A
+Blender with splats of its own needs no more than another name here.
 """
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 
@@ -17,14 +19,20 @@ POSITION = Attribute("position", "FLOAT_VECTOR")  # world metres; Blender's own
 COLOR = Attribute("aa_color", "FLOAT_COLOR")  # linear Rec. 709, alpha 1
 OPACITY = Attribute("aa_opacity", "FLOAT")  # [0, 1]
 RADIUS = Attribute("aa_radius", "FLOAT")  # metres; what a point is drawn with
-DISPLACEMENT = Attribute("aa_displacement", "FLOAT")  # metres from the canonical place
 SCALE = Attribute("aa_scale", "FLOAT_VECTOR")  # standard deviations in metres along the Gaussian's axes
 ROTATION = Attribute("aa_rotation", "QUATERNION")  # w x y z
 ID = Attribute("aa_id", "INT")  # the anchor's row in the model file; anchor * K + k for a local Gaussian
+DISPLACEMENT = Attribute("aa_displacement", "FLOAT")  # metres from the canonical place
+SPEED = Attribute("aa_speed", "FLOAT")  # metres a second of the anchor
+ACTIVITY = Attribute("aa_activity", "INT")  # the label of the capture's truth; -1 where it has none
+TRAIL = Attribute("aa_trail", "INT")  # how many earlier positions there are
+TRAIL_PREFIX = "aa_trail_"
+PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
+WEIGHTS = tuple(Attribute(f"aa_weight_{plane}", "FLOAT") for plane in PLANES)  # of ACFA, mean over the channels
 
 
 class Key(NamedTuple):
-    """A baked attribute: `prefix` + four digits of the frame's rank holds the value of `attribute` at that frame."""
+    """A baked attribute: `prefix` + four digits of the key's number holds the value of `attribute` there."""
 
     attribute: Attribute
     prefix: str
@@ -39,31 +47,38 @@ KEYS = (
     Key(RADIUS, "aa_r_", "FLOAT"),
     Key(SCALE, "aa_s_", "FLOAT_VECTOR"),
     Key(ROTATION, "aa_q_", "QUATERNION"),
+    Key(DISPLACEMENT, "aa_d_", "FLOAT"),
+    Key(SPEED, "aa_v_", "FLOAT"),
+    *(Key(weight, f"aa_w{plane}_", "FLOAT") for weight, plane in zip(WEIGHTS, PLANES, strict=True)),
 )
+UNFINISHED = "aa_unfinished_"  # before the name of a key while its bake runs
 
 ANCHORS = "ANCHORS"
 GAUSSIANS = "GAUSSIANS"
 
-# The attributes that change with time, for each carrier.
-CARRIER_ATTRIBUTES: dict[str, tuple[Attribute, ...]] = {
-    ANCHORS: (POSITION, COLOR, OPACITY, RADIUS, DISPLACEMENT),
-    GAUSSIANS: (POSITION, COLOR, OPACITY, SCALE, ROTATION, DISPLACEMENT),
-}
+APPEARANCE = (POSITION, COLOR, OPACITY, RADIUS)  # what every look needs
+SHAPE = (SCALE, ROTATION)  # what discs and Gaussians need as well
+INSPECTION = (DISPLACEMENT, SPEED, *WEIGHTS)  # evaluated only where something shows them or filters by them
 
+TIME_MODIFIER = "AdaAnchor4D Time"
 LOOK_MODIFIER = "AdaAnchor4D"
-KEYS_MODIFIER = "AdaAnchor4D Keys"
 
 VERSION_PROPERTY = "aa_version"  # on node groups and materials: which version of the builder made them
-TIME_PROPERTY = "aa_time"  # on the mesh: the t that its attributes were evaluated at
+STAMP_PROPERTY = "aa_stamp"  # on the mesh: what its attributes were evaluated for
 
-FIRST_FRAME = 1  # the timeline's frame of the clip's first frame
-
-
-def carrier_keys(carrier: str) -> tuple[Key, ...]:
-    """The keys that a bake of this carrier writes."""
-    return tuple(key for key in KEYS if key.attribute in CARRIER_ATTRIBUTES[carrier])
+FIRST_FRAME = 1  # the timeline's frame of the clip's first frame, unless a person moves it
 
 
-def key_name(key: Key, rank: int) -> str:
-    """The attribute that holds `key` at the frame of this rank."""
-    return f"{key.prefix}{rank:04}"
+def trail_name(age: int) -> str:
+    """The attribute that holds the position `age` frames before."""
+    return f"{TRAIL_PREFIX}{age:02}"
+
+
+def keys_of(attributes: Collection[Attribute]) -> tuple[Key, ...]:
+    """The keys that hold these attributes."""
+    return tuple(key for key in KEYS if key.attribute in attributes)
+
+
+def key_name(key: Key, number: int) -> str:
+    """The attribute that holds `key` at the key of this number."""
+    return f"{key.prefix}{number:04}"

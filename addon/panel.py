@@ -1,51 +1,188 @@
-"""The panel in the 3D view's sidebar."""
+"""The panels in the 3D view's sidebar."""
 
 import bpy
+from bpy.app.translations import pgettext_iface as translated
 
-from . import names, nodes, playback
-from .operators import Bake, FreeBake, ImportModel
+from . import look_nodes, modifiers, names, operators, playback, time_nodes
+
+TIME_INPUTS = (
+    time_nodes.START,
+    time_nodes.SPEED,
+    time_nodes.REVERSE,
+    time_nodes.OUTSIDE,
+    time_nodes.BY_HAND,
+    time_nodes.TIME,
+)
 
 
-class ImportPanel(bpy.types.Panel):
-    """Import, and what the active object shows."""
+class SidebarPanel:
+    """Where all of these stand."""
 
-    bl_idname = "AA4D_PT_import"
-    bl_label = "Import AdaAnchor4D"
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "AdaAnchor4D"
 
+
+class ImportPanel(SidebarPanel, bpy.types.Panel):
+    """Import, and what the active object is."""
+
+    bl_idname = "AA4D_PT_import"
+    bl_label = "Import AdaAnchor4D"
+
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         layout = self.layout
-        layout.operator(ImportModel.bl_idname, text="Import Model", icon="IMPORT")
+        layout.operator(operators.ImportModel.bl_idname, text="Import Model", icon="IMPORT")
         obj = context.active_object
-        if obj is None or obj.type != "MESH" or not obj.aa4d.filepath:
+        if not operators.is_imported(obj):
             return
         column = layout.column(align=True)
-        column.label(text=f"{len(obj.data.vertices):,} {obj.aa4d.carrier.lower()}", icon="POINTCLOUD_DATA")
+        kind = translated(obj.aa4d.bl_rna.properties["carrier"].enum_items[obj.aa4d.carrier].name)
+        column.label(text=f"{len(obj.data.vertices):,} {kind}", icon="POINTCLOUD_DATA", translate=False)
         column.prop(obj.aa4d, "filepath", text="")
         if obj.aa4d.playback == "BAKED":
             column.label(text="Baked", icon="CHECKMARK")
-            column.operator(FreeBake.bl_idname)
         else:
             cost = playback.milliseconds.get(obj.session_uid)
-            column.label(text="Live" if cost is None else f"Live: {cost:.1f} ms a frame", icon="TIME")
-            column.operator(Bake.bl_idname)
+            text = translated("Live") if cost is None else translated("Live: {:.1f} ms a frame").format(cost)
+            column.label(text=text, icon="TIME", translate=False)
         problem = playback.problems.get(obj.session_uid)
         if problem is not None:
-            layout.label(text=problem, icon="ERROR")
-        modifier = obj.modifiers.get(names.LOOK_MODIFIER)
-        if modifier is not None and modifier.node_group is not None:
-            for name in nodes.input_names(modifier.node_group):
-                layout.prop(*nodes.modifier_input(modifier, name), text=name)
+            layout.label(text=problem, icon="ERROR", translate=False)
+            layout.operator(operators.Relink.bl_idname, icon="LINKED")
+
+
+class ObjectPanel(SidebarPanel):
+    """A panel on the active imported object."""
+
+    bl_parent_id = ImportPanel.bl_idname
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Shown for imported objects."""
+        return operators.is_imported(context.active_object)
+
+
+class TimePanel(ObjectPanel, bpy.types.Panel):
+    """When the clip plays, and where its points come from."""
+
+    bl_idname = "AA4D_PT_time"
+    bl_label = "Time"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        obj, layout = context.active_object, self.layout
+        _draw_inputs(layout, modifiers.of(obj, names.TIME_MODIFIER), TIME_INPUTS)
+        row = layout.row(align=True)
+        row.operator(operators.Bake.bl_idname, text="Bake")
+        row.operator(operators.Bake.bl_idname, text="Bake Range").use_range = True
+        if obj.aa4d.playback == "BAKED":
+            layout.operator(operators.FreeBake.bl_idname)
+
+
+class LookPanel(ObjectPanel, bpy.types.Panel):
+    """How the points are drawn."""
+
+    bl_idname = "AA4D_PT_look"
+    bl_label = "Look"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        obj, layout = context.active_object, self.layout
+        inputs = (look_nodes.LOOK, look_nodes.SIZE, look_nodes.LIT)
+        _draw_inputs(layout, modifiers.of(obj, names.LOOK_MODIFIER), inputs)
+        if obj.aa4d.playback == "LIVE":
+            layout.prop(obj.aa4d, "view")
+            layout.operator(operators.FreezeView.bl_idname, icon="FREEZE")
+
+
+class InspectionPanel(ObjectPanel, bpy.types.Panel):
+    """What the colours show, what is hidden, ghosts, grid and numbers."""
+
+    bl_idname = "AA4D_PT_inspection"
+    bl_label = "Inspection"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender's protocol
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        obj, layout = context.active_object, self.layout
+        look = modifiers.of(obj, names.LOOK_MODIFIER)
+        if look is not None:
+            shown = modifiers.get(look, look_nodes.COLOR_BY)
+            inputs = [look_nodes.COLOR_BY]
+            if shown == "Plane Weight":
+                inputs.append(look_nodes.PLANE)
+            _draw_inputs(layout, look, inputs)
+            if shown in look_nodes.SCALARS:
+                self.draw_legend(layout, look, look_nodes.SCALARS[shown].unit)
+            filters = (look_nodes.MINIMUM_OPACITY, look_nodes.NEAREST, look_nodes.FARTHEST, look_nodes.CROP)
+            _draw_inputs(layout, look, filters)
+            if modifiers.get(look, look_nodes.CROP) != look_nodes.NO_CROP:
+                _draw_inputs(layout, look, (look_nodes.CROP_OBJECT,))
+        _draw_inputs(layout, modifiers.of(obj, names.TIME_MODIFIER), (time_nodes.TRAIL,))
+        _draw_inputs(layout, look, (look_nodes.TRAIL_DISTANCE,))
+        layout.operator(operators.LabelActivity.bl_idname, icon="AUTO")
+        layout.operator(operators.AddGrid.bl_idname, icon="MESH_GRID")
+        layout.operator(operators.MeasureSelection.bl_idname, icon="INFO")
+        for line in operators.statistics.get(obj.session_uid, ()):
+            layout.label(text=line, translate=False)
+
+    def draw_legend(self, layout: bpy.types.UILayout, look: bpy.types.Modifier, unit: str) -> None:
+        """The colours, the values at their ends, and the unit."""
+        ramp = look_nodes.legend_group().nodes[look_nodes.RAMP_NAME]
+        box = layout.box()
+        box.template_color_ramp(ramp, "color_ramp", expand=False)
+        row = box.row(align=True)
+        for name in (look_nodes.LOW, look_nodes.HIGH):
+            text = f"{translated(name)} ({unit})" if unit else translated(name)
+            row.prop(*modifiers.property_of(look, name), text=text, translate=False)
+        box.operator(operators.FitLegend.bl_idname)
+
+
+class OutputPanel(ObjectPanel, bpy.types.Panel):
+    """Compositing and exports."""
+
+    bl_idname = "AA4D_PT_output"
+    bl_label = "Compositing and Export"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender's protocol
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        obj, layout = context.active_object, self.layout
+        layout.operator_menu_enum(operators.SetUpCompositing.bl_idname, "mode")
+        layout.prop(obj, "visible_shadow", text="Cast Shadows")
+        layout.prop(obj, "is_holdout")
+        layout.operator(operators.ExportPly.bl_idname, icon="EXPORT")
+        layout.operator(operators.ExportUsd.bl_idname, icon="EXPORT")
+        layout.operator(operators.Relink.bl_idname, icon="LINKED")
+
+
+def _draw_inputs(
+    layout: bpy.types.UILayout, modifier: bpy.types.Modifier | None, inputs: tuple[str, ...] | list[str]
+) -> None:
+    """The inputs of a modifier, if it is still there."""
+    if modifier is None:
+        return
+    column = layout.column(align=True)
+    column.use_property_split = True
+    for name in inputs:
+        owner, path = modifiers.property_of(modifier, name)
+        if name == look_nodes.CROP_OBJECT and path != "value":  # a custom property offers no objects to choose from
+            column.prop_search(owner, path, bpy.data, "objects", text=name)
+        else:
+            column.prop(owner, path, text=name)
+
+
+CLASSES = (ImportPanel, TimePanel, LookPanel, InspectionPanel, OutputPanel)
 
 
 def register() -> None:
-    """Register the panel."""
-    bpy.utils.register_class(ImportPanel)
+    """Register the panels."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
 
 
 def unregister() -> None:
-    """Take it out again."""
-    bpy.utils.unregister_class(ImportPanel)
+    """Take them out again."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,101 +1,278 @@
-"""Live playback: one handler evaluates every live object at the timeline's time."""
+"""Live playback: one function brings every live object of a scene to the timeline's time."""
 
+import dataclasses
 import functools
+import hashlib
 import os
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import bpy
+import numpy as np
 
-from . import carriers, names, points
-from .container import ModelFileError
+from . import carriers, look_nodes, materials, modifiers, names, points, properties, time_nodes
+from .clip_time import ClipTime
+from .container import Floats, ModelFileError
 from .field import Field, prepare
-from .model import read_model
+from .model import Doubles, read_model
+
+FRAMES_KEPT_BYTES = 256 * 2**20  # of evaluated frames, so that playing them again costs no more than the copy
+PIECE = 2**20  # bytes at a time, of a file whose hash is taken
+TRAILS_KEPT = 2 * time_nodes.LONGEST_TRAIL
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A model file, ready to be evaluated."""
+
+    field: Field
+    content: str  # hash of the file
+    frames: dict[str, dict[names.Attribute, Floats]] = dataclasses.field(default_factory=dict)  # by stamp
+    trails: dict[tuple[str, int], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
+
+    def frame(
+        self, stamp: str, carrier: str, t: float, center: Doubles, wanted: frozenset[names.Attribute]
+    ) -> dict[names.Attribute, Floats]:
+        """`carriers.evaluate`, remembered under a stamp that tells these arguments apart; the latest are kept."""
+        if stamp not in self.frames:
+            values = carriers.evaluate(self.field, carrier, t, center, wanted)
+            size = sum(value.nbytes for value in values.values())
+            while self.frames and (len(self.frames) + 1) * size > FRAMES_KEPT_BYTES:
+                del self.frames[next(iter(self.frames))]
+            self.frames[stamp] = values
+        return self.frames[stamp]
+
+    def trail(self, carrier: str, rank: int) -> Floats:
+        """The positions at a whole frame of the clip; the latest ones asked for are kept."""
+        key = (carrier, rank)
+        if key not in self.trails:
+            while len(self.trails) >= TRAILS_KEPT:
+                del self.trails[next(iter(self.trails))]
+            self.trails[key] = carriers.positions(self.field, carrier, self.field.model.time_of_rank(rank))
+        return self.trails[key]
+
 
 # For the panel: the cost of the last evaluation and the last problem, by the object's session id.
 milliseconds: dict[int, float] = {}
 problems: dict[int, str] = {}
 
 
-def load_field(path: str) -> Field:
-    """The field of a model file, kept while the file stays the same.
+def load(path: str) -> Loaded:
+    """The model in a file, kept while the file stays the same.
 
     Raises:
-        ModelFileError: as `read_model`.
+        ModelFileError: as `read_model`, or there is not enough memory.
     """
     try:
         status = os.stat(path)
     except OSError as error:
         raise ModelFileError(f"{os.path.basename(path)} cannot be read: {error.strerror or error}.") from error
-    return _load_field(path, status.st_mtime_ns, status.st_size)
+    try:
+        return _load(path, status.st_mtime_ns, status.st_size)
+    except MemoryError as error:
+        raise ModelFileError(f"{os.path.basename(path)} does not fit into the memory of this machine.") from error
 
 
 @functools.lru_cache(maxsize=4)
-def _load_field(path: str, _modified_ns: int, _size: int) -> Field:
-    return prepare(read_model(path))
+def _load(path: str, _modified_ns: int, _size: int) -> Loaded:
+    prepared = prepare(read_model(path))
+    content = hashlib.blake2b(digest_size=16)
+    with open(path, "rb") as file:
+        while piece := file.read(PIECE):
+            content.update(piece)
+    return Loaded(prepared, content.hexdigest())
 
 
-def field_of(obj: bpy.types.Object) -> Field:
-    """The field that an imported object shows.
+def loaded_of(obj: bpy.types.Object) -> Loaded:
+    """The model that an imported object shows, from where its path says or where it was last.
 
     Raises:
         ModelFileError: the file is unusable, or is no longer the one that the object was made from.
     """
-    path = bpy.path.abspath(obj.aa4d.filepath, library=obj.library)
-    field = load_field(os.path.normpath(path))
-    if len(obj.data.vertices) and points.ids(obj.data).max() >= carriers.point_count(field, obj.aa4d.carrier):
-        raise ModelFileError(f"{os.path.basename(path)} has fewer anchors than {obj.name} shows; import it again.")
-    return field
+    path = os.path.normpath(bpy.path.abspath(obj.aa4d.filepath, library=obj.library))
+    if not os.path.isfile(path) and os.path.isfile(obj.aa4d.last_place):
+        path = obj.aa4d.last_place
+    if not os.path.exists(path):
+        raise ModelFileError(f"{os.path.basename(path)} cannot be read: it is not at {path}; use Relink.")
+    loaded = load(path)
+    if obj.aa4d.content and loaded.content != obj.aa4d.content:
+        raise ModelFileError(
+            f"{os.path.basename(path)} is no longer the file that {obj.name} was made from; use Relink to take it."
+        )
+    return loaded
 
 
-def show(obj: bpy.types.Object, frame: float) -> None:
-    """Set the object's attributes to their values at a (fractional) frame of the timeline; does nothing if they are.
+def check_fits(obj: bpy.types.Object, loaded: Loaded) -> None:
+    """Raises ModelFileError where the model lacks points that the object shows."""
+    mesh = obj.data
+    if len(mesh.vertices) and points.ids(mesh).max() >= carriers.point_count(loaded.field, obj.aa4d.carrier):
+        raise ModelFileError(f"{loaded.field.model.path.name} has fewer points than {obj.name} shows; import it anew.")
+
+
+def clip_time_of(obj: bpy.types.Object, frames: int) -> ClipTime:
+    """How the timeline maps to the clip for this object, or one to one where its time modifier was removed."""
+    modifier = modifiers.of(obj, names.TIME_MODIFIER)
+    return (
+        ClipTime(frames) if modifier is None else dataclasses.replace(time_nodes.clip_time_of(modifier), frames=frames)
+    )
+
+
+def wanted_of(obj: bpy.types.Object) -> frozenset[names.Attribute]:
+    """What the object's look shows or filters by, beside what every look needs."""
+    wanted: set[names.Attribute] = set(names.SHAPE) if obj.aa4d.carrier == names.GAUSSIANS else set()
+    modifier = modifiers.of(obj, names.LOOK_MODIFIER)
+    if modifier is None:
+        return frozenset(wanted)
+    if modifiers.get(modifier, look_nodes.LOOK) != materials.POINTS:
+        wanted.update(names.SHAPE)
+    scalar = look_nodes.SCALARS.get(modifiers.get(modifier, look_nodes.COLOR_BY))
+    if scalar is not None:
+        wanted.update(scalar.needs)
+    if (
+        modifiers.get(modifier, look_nodes.NEAREST) > 0
+        or modifiers.get(modifier, look_nodes.FARTHEST) < look_nodes.NO_LIMIT_M
+    ):
+        wanted.add(names.DISPLACEMENT)
+    return frozenset(wanted)
+
+
+def camera_center(
+    obj: bpy.types.Object, loaded: Loaded, t: float, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
+) -> Doubles:
+    """Where the points are seen from, [3], in the metres of the object: its own transform may have moved it."""
+    camera = scene.camera
+    if obj.aa4d.view == properties.FROZEN:
+        return np.array(obj.aa4d.frozen_view, np.float64)
+    if obj.aa4d.view == properties.ACTIVE and camera is not None:
+        if depsgraph is not None:
+            camera, obj = camera.evaluated_get(depsgraph), obj.evaluated_get(depsgraph)
+        place = obj.matrix_world.inverted_safe() @ camera.matrix_world.translation
+        return np.array(place, np.float64)
+    return loaded.field.model.camera_center_at(t)
+
+
+def show(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Set the object's attributes to their values at the scene's (fractional) frame; does nothing if they are.
 
     Raises:
-        ModelFileError: as `field_of`.
+        ModelFileError: as `loaded_of`.
     """
-    field = field_of(obj)
-    mesh = obj.data
-    t = field.model.time_of_rank(frame - names.FIRST_FRAME)
+    loaded = loaded_of(obj)
+    mesh, carrier, model = obj.data, obj.aa4d.carrier, loaded.field.model
+    evaluated = obj if depsgraph is None else obj.evaluated_get(depsgraph)  # with its animation and drivers
+    rank = clip_time_of(evaluated, model.frame_count).rank(scene.frame_current_final)
+    t = model.time_of_rank(rank)
+    center = camera_center(obj, loaded, t, scene, depsgraph)
+    wanted = wanted_of(evaluated)
+    trail = trail_length(evaluated)
+    evaluation = f"{carrier} {t!r} {center.tolist()} {sorted(a.name for a in wanted)}"
+    stamp = f"{loaded.content} {evaluation} {trail}"
     # The stamp lies on the mesh and not in this module, so that undo and reload take it back with the positions.
-    if mesh.get(names.TIME_PROPERTY) == t:
+    if mesh.get(names.STAMP_PROPERTY) == stamp:
         return
+    check_fits(obj, loaded)
     start = time.perf_counter()
-    rows = points.ids(mesh)
-    for attribute, values in carriers.evaluate(field, obj.aa4d.carrier, t).items():
-        points.write(mesh, attribute.name, attribute.type, values[rows])
-    mesh[names.TIME_PROPERTY] = t
+    rows = rows_of(mesh)
+    for attribute, values in loaded.frame(evaluation, carrier, t, center, wanted).items():
+        if attribute in names.APPEARANCE or attribute in wanted:
+            points.write(mesh, attribute.name, attribute.type, values[rows])
+    for age in range(1, trail + 1):
+        before = loaded.trail(carrier, max(int(rank) - age, 0))
+        points.write(mesh, names.trail_name(age), "FLOAT_VECTOR", before[rows])
+    mesh[names.STAMP_PROPERTY] = stamp
     mesh.update()
     milliseconds[obj.session_uid] = 1000 * (time.perf_counter() - start)
 
 
+def rows_of(mesh: bpy.types.Mesh) -> slice | np.ndarray:
+    """The rows of the model that the vertices show; all of them as a slice, which copies nothing."""
+    rows = points.ids(mesh)
+    whole = len(rows) > 0 and rows[0] == 0 and rows[-1] == len(rows) - 1 and bool((np.diff(rows) == 1).all())
+    return slice(0, len(rows)) if whole else rows
+
+
+def trail_length(obj: bpy.types.Object) -> int:
+    """How many ghosts the object shows."""
+    modifier = modifiers.of(obj, names.TIME_MODIFIER)
+    return 0 if modifier is None else modifiers.get(modifier, time_nodes.TRAIL)
+
+
 def is_live(obj: bpy.types.Object) -> bool:
-    """Whether the handler evaluates this object; not in edit mode, where the mesh belongs to the person."""
-    return obj.type == "MESH" and bool(obj.aa4d.filepath) and obj.aa4d.playback == "LIVE" and obj.mode != "EDIT"
+    """Whether this object is evaluated here; not in edit mode, where the mesh belongs to the person, nor where it
+    belongs to another file."""
+    if obj.type != "MESH" or not obj.aa4d.filepath or obj.library is not None or obj.data.library is not None:
+        return False
+    return obj.aa4d.playback == "LIVE" and obj.mode != "EDIT"
+
+
+def live_objects(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+    """One object of each live mesh: copies that share a mesh share its points."""
+    seen = set()
+    for obj in scene.objects:
+        if is_live(obj) and obj.data not in seen:
+            seen.add(obj.data)
+            yield obj
 
 
 @bpy.app.handlers.persistent
-def on_frame_change(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
-    """Bring every live object of the scene to the current frame; called at sub-frames too, by motion blur."""
-    for obj in scene.objects:
-        if is_live(obj):
-            try:
-                show(obj, scene.frame_current_final)
-                problems.pop(obj.session_uid, None)
-            except ModelFileError as error:
-                # A handler has no report line: say it once on the console, and in the panel while it lasts.
-                if problems.get(obj.session_uid) != str(error):
-                    print(f"AdaAnchor4D: {obj.name}: {error}")
-                problems[obj.session_uid] = str(error)
+def refresh(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Bring every live object of the scene to the current frame.
+
+    Called after a change of frame, of sub-frame too (motion blur), when animation and drivers have been evaluated, and
+    after any other change, for the inputs of the modifiers.
+    """
+    for obj in live_objects(scene):
+        try:
+            show(obj, scene, depsgraph)
+            problems.pop(obj.session_uid, None)
+        except (ModelFileError, MemoryError) as error:
+            # A handler has no report line: say it once on the console, and in the panel while it lasts.
+            message = str(error) or "there is not enough memory for this frame."
+            if problems.get(obj.session_uid) != message:
+                print(f"AdaAnchor4D: {obj.name}: {message}")
+            problems[obj.session_uid] = message
+
+
+@bpy.app.handlers.persistent
+def keep_paths(filepath: str, _: object = None) -> None:
+    """Before the file is saved: make the paths of the models relative to where it will lie, where that is possible."""
+    for obj in bpy.data.objects:
+        if obj.type == "MESH" and obj.aa4d.filepath and obj.library is None:
+            path = os.path.normpath(bpy.path.abspath(obj.aa4d.filepath))
+            if not os.path.isfile(path) and os.path.isfile(obj.aa4d.last_place):
+                path = obj.aa4d.last_place
+            if os.path.isfile(path):
+                obj.aa4d.last_place = path
+                if filepath:
+                    obj.aa4d.filepath = relative(path, os.path.dirname(filepath))
+
+
+def relative(path: str, folder: str) -> str:
+    """A path as seen from a folder, in Blender's notation; itself on another drive."""
+    try:
+        return bpy.path.relpath(path, start=folder)
+    except ValueError:
+        return path
+
+
+LISTENERS = (
+    (bpy.app.handlers.frame_change_post, refresh),
+    (bpy.app.handlers.depsgraph_update_post, refresh),
+    (bpy.app.handlers.save_pre, keep_paths),
+)
 
 
 def register() -> None:
     """Start listening."""
-    bpy.app.handlers.frame_change_pre.append(on_frame_change)
+    for handlers, function in LISTENERS:
+        handlers.append(function)
 
 
 def unregister() -> None:
     """Stop listening, and forget the models."""
-    bpy.app.handlers.frame_change_pre.remove(on_frame_change)
-    _load_field.cache_clear()
+    for handlers, function in LISTENERS:
+        handlers.remove(function)
+    _load.cache_clear()
     milliseconds.clear()
     problems.clear()

@@ -1,10 +1,12 @@
 """Point attributes of a mesh, written and read as whole numpy arrays."""
 
+from typing import Any
+
 import bpy
 import numpy as np
 
 from . import names
-from .container import Floats
+from .container import ModelFileError
 from .field import Indices
 
 # What each attribute type calls its value, and how many numbers it has.
@@ -18,36 +20,46 @@ FIELDS = {
 }
 
 
-def create_mesh(name: str, count: int, carrier: str) -> bpy.types.Mesh:
-    """A mesh of `count` loose vertices with every attribute of the carrier, unset, and the ids 0, 1, 2, ..."""
+def create_mesh(name: str, count: int) -> bpy.types.Mesh:
+    """A mesh of `count` loose vertices with the attributes of every look, unset, and the ids 0, 1, 2, ..."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(count)
-    for attribute in names.CARRIER_ATTRIBUTES[carrier]:
+    for attribute in (*names.APPEARANCE, *names.SHAPE, names.ID):
         if attribute != names.POSITION:
             mesh.attributes.new(attribute.name, attribute.type, "POINT")
-    mesh.attributes.new(names.ID.name, names.ID.type, "POINT")
     mesh.attributes[names.ID.name].data.foreach_set("value", np.arange(count, dtype=np.int32))
     mesh.attributes.active_color_name = names.COLOR.name
     return mesh
 
 
-def write(mesh: bpy.types.Mesh, name: str, kind: str, values: Floats) -> None:
+def write(mesh: bpy.types.Mesh, name: str, kind: str, values: Any) -> None:
     """Set a point attribute from one row a vertex, creating it where it is missing."""
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, "POINT")
-    attribute.data.foreach_set(FIELDS[kind][0], np.ascontiguousarray(values, np.float32).ravel())
+    dtype = np.int32 if kind == "INT" else np.float32
+    attribute.data.foreach_set(FIELDS[kind][0], np.ascontiguousarray(values, dtype).ravel())
 
 
-def read(mesh: bpy.types.Mesh, name: str) -> Floats:
-    """A point attribute, one row a vertex."""
-    attribute = mesh.attributes[name]
+def read(data: Any, name: str) -> Any:
+    """A point attribute of a mesh or a point cloud, one row a point."""
+    attribute = data.attributes[name]
     field, width = FIELDS[attribute.data_type]
-    values = np.empty(len(attribute.data) * width, np.float32)
+    values = np.empty(len(attribute.data) * width, np.int32 if attribute.data_type == "INT" else np.float32)
     attribute.data.foreach_get(field, values)
     return values.reshape(-1, width) if width > 1 else values
 
 
+def remove(mesh: bpy.types.Mesh, prefixes: tuple[str, ...]) -> None:
+    """Remove the attributes whose names begin so."""
+    for name in [attribute.name for attribute in mesh.attributes if attribute.name.startswith(prefixes)]:
+        mesh.attributes.remove(mesh.attributes[name])
+
+
 def ids(mesh: bpy.types.Mesh) -> Indices:
-    """Which row of the model each vertex shows: vertices deleted or duplicated by hand stay in step."""
-    values = np.empty(len(mesh.vertices), np.int32)
-    mesh.attributes[names.ID.name].data.foreach_get("value", values)
-    return values.astype(np.intp)
+    """Which row of the model each vertex shows: vertices deleted or duplicated by hand stay in step.
+
+    Raises:
+        ModelFileError: the attribute that says so was removed.
+    """
+    if names.ID.name not in mesh.attributes:
+        raise ModelFileError(f"{mesh.name} has lost its attribute {names.ID.name}; import the model anew.")
+    return read(mesh, names.ID.name).astype(np.intp)

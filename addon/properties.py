@@ -6,11 +6,17 @@ from . import names
 
 CARRIER_ITEMS = (
     (names.ANCHORS, "Anchors", "One point an anchor: light, and what the model moves"),
-    (names.GAUSSIANS, "Gaussians", "The local Gaussians of every anchor, as ellipsoids: the look of the trained scene"),
+    (names.GAUSSIANS, "Gaussians", "The local Gaussians of every anchor: the trained scene in full"),
 )
 PLAYBACK_ITEMS = (
     ("LIVE", "Live", "Evaluated from the model file at every frame"),
     ("BAKED", "Baked", "Played back from attribute keys: needs neither the model file nor this add-on"),
+)
+CAPTURE, ACTIVE, FROZEN = "CAPTURE", "ACTIVE", "FROZEN"
+VIEW_ITEMS = (
+    (CAPTURE, "Capture's Camera", "What depends on the view is as the drone saw it at that time"),
+    (ACTIVE, "Active Camera", "What depends on the view follows the scene's active camera"),
+    (FROZEN, "Frozen", "What depends on the view stays as seen from one place, wherever a camera goes"),
 )
 
 
@@ -23,8 +29,24 @@ class AA4DObjectSettings(bpy.types.PropertyGroup):
         subtype="FILE_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
     )
-    carrier: bpy.props.EnumProperty(name="Carrier", items=CARRIER_ITEMS)  # type: ignore[valid-type]
-    playback: bpy.props.EnumProperty(name="Playback", items=PLAYBACK_ITEMS)  # type: ignore[valid-type]
+    last_place: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Last Place", description="Where the model file was found last, for when the relative path fails"
+    )
+    content: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Content", description="The hash of the model file that this object was made from"
+    )
+    carrier: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Carrier", description="What the points stand for", items=CARRIER_ITEMS
+    )
+    playback: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Playback", description="Where the points' places and colours come from", items=PLAYBACK_ITEMS
+    )
+    view: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Seen From", description="The place that view-dependent colours are evaluated for", items=VIEW_ITEMS
+    )
+    frozen_view: bpy.props.FloatVectorProperty(  # type: ignore[valid-type]
+        name="Frozen Place", description="Where the frozen view is, in world metres", subtype="TRANSLATION", size=3
+    )
 
 
 def register() -> None:

@@ -1,11 +1,23 @@
 """The pinhole camera: intrinsics, poses, projection. OpenCV axes; pixel (i, j) has its centre at (i + 0.5, j + 0.5)."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from synth.spec import Camera
+from synth.checking import key
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A pinhole with square pixels and a centred lens."""
+
+    width_px: int = key("width of a frame", unit="pixels", range=(16, 8192))
+    height_px: int = key("height of a frame", unit="pixels", range=(16, 8192))
+    hfov_deg: float = key("horizontal field of view", unit="degrees", range=(5, 150))
+
 
 OPENCV_TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # flips y and z of the camera's axes
 

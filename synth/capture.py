@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from synth.errors import InputError
 from synth.files import TEMPORARY_SUFFIX, write_json
 from synth.plan import Frame, first_difference
@@ -18,19 +21,33 @@ class Folder:
     """Paths inside a capture folder."""
 
     root: Path
+    encoded: bool = False  # the frames pass through a video: what was developed is kept beside them
 
     def image(self, frame: Frame) -> Path:
         return self.root / "frames" / f"{frame.name}.png"
 
+    def developed(self, frame: Frame) -> Path:
+        """The frame as the sensor gave it."""
+        return self.root / "uncompressed" / f"{frame.name}.png" if self.encoded else self.image(frame)
+
     def truth(self, frame: Frame) -> Path:
         return self.root / "truth" / f"{frame.name}.npz"
+
+    def read_truth(self, frame: Frame) -> dict[str, NDArray[Any]]:
+        """The arrays of a frame's truth."""
+        with np.load(self.truth(frame), allow_pickle=False) as arrays:
+            return dict(arrays)
+
+    def truth_pass(self, name: str, frame: Frame) -> Path:
+        """A pass that is computed from the truth of several frames."""
+        return self.root / "truth" / name / f"{frame.name}{'.png' if name == 'activity' else '.npz'}"
 
     def relative(self, path: Path) -> str:
         return path.relative_to(self.root).as_posix()
 
     def complete(self, frame: Frame) -> bool:
         """Both files of a frame exist; each is whole if it exists."""
-        return self.image(frame).is_file() and self.truth(frame).is_file()
+        return self.developed(frame).is_file() and self.truth(frame).is_file()
 
 
 def open_folder(root: Path, plan: dict[str, Any]) -> Literal["new", "unfinished", "finished"]:

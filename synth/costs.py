@@ -11,15 +11,16 @@ from synth.files import write_json
 
 
 class Costs:
-    """A stopwatch per stage. `frames` maps a frame's name to its seconds per stage."""
+    """A stopwatch per stage. `frames` maps a frame's name to its seconds per stage. Without a path nothing is saved."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | None) -> None:
         self.path = path
         self.stages: dict[str, float] = {}
         self.frames: dict[str, dict[str, float]] = {}
-        if path.is_file():
+        self.effects: dict[str, float] = {}
+        if path is not None and path.is_file():
             before = json.loads(path.read_text(encoding="utf-8"))
-            self.stages = dict(before["stages"])
+            self.stages, self.effects = dict(before["stages"]), dict(before["effects"])
             self.frames = {frame.pop("name"): frame for frame in before["frames"]}
 
     @contextmanager
@@ -32,10 +33,27 @@ class Costs:
         if frame is not None:
             self.frames.setdefault(frame, {})[name] = round(seconds, 4)
 
+    @contextmanager
+    def effect(self, name: str) -> Iterator[None]:
+        """Time what an effect does inside a stage."""
+        start = time.perf_counter()
+        yield
+        self.effects[name] = round(self.effects.get(name, 0.0) + time.perf_counter() - start, 4)
+
+    def add(self, document: dict[str, Any]) -> None:
+        """Take in what another process measured (its `document`)."""
+        for mine, more in ((self.stages, document["stages"]), (self.effects, document["effects"])):
+            for name, seconds in more.items():
+                mine[name] = round(mine.get(name, 0.0) + seconds, 4)
+        for frame in document["frames"]:
+            self.frames.setdefault(frame["name"], {}).update({k: v for k, v in frame.items() if k != "name"})
+
     def save(self) -> None:
-        write_json(self.path, self.document())
+        if self.path is not None:
+            write_json(self.path, self.document())
 
     def document(self) -> dict[str, Any]:
         """The file's content; all numbers are seconds."""
         frames = [{"name": name, **self.frames[name]} for name in sorted(self.frames)]
-        return {"seconds": round(sum(self.stages.values()), 3), "stages": self.stages, "frames": frames}
+        total = round(sum(self.stages.values()), 3)
+        return {"seconds": total, "stages": self.stages, "effects": self.effects, "frames": frames}

@@ -3,7 +3,9 @@
 import dataclasses
 import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -11,11 +13,19 @@ from numpy.typing import NDArray
 
 from synth import __version__
 from synth.camera import intrinsics
+from synth.cast import Cast
 from synth.city.layout import City, build_city
-from synth.flight import ArcFlight
+from synth.effects import Effect, at, choose
+from synth.errors import InputError
+from synth.flight import Trajectory
+from synth.lens import Lens, Pinhole
+from synth.models import Model, find_models
 from synth.seeds import frame_seed
+from synth.shutter import Shutter
 from synth.spec import Scene
+from synth.staging import Staging
 from synth.traffic.instances import Fleet, build_fleet
+from synth.traffic.tracks import read_tracks
 
 Array = NDArray[np.float64]
 
@@ -42,20 +52,33 @@ class Plan:
     scene: Scene
     K: Array  # [3, 3]
     frames: tuple[Frame, ...]
-    flight: ArcFlight
+    flight: Any  # camera_to_world(time_s) and viewmat(time_s) at any real time
     fleet: Fleet
     city: City
+    effects: tuple[Effect, ...]
+    lens: Lens
+    shutter: Shutter
+    staging: tuple[Staging, ...]
+    cast: Cast  # the fleet and what effects add to it
+    models: tuple[Model, ...] = ()  # of the user's own
+
+    def film_effects(self) -> Iterator[Effect]:
+        """Those that act on the light of a frame."""
+        return at(self.effects, "film")
 
 
-def make_plan(scene: Scene) -> Plan:
-    """Resolve a scene.
+def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
+    """Resolve a scene; `folder` is where the files that it names are looked up.
 
     Raises:
-        InputError: the traffic collides.
+        InputError: the traffic collides, or effects ask for what cannot be.
     """
     count, fps = scene.time.frames, scene.time.fps
     duration = (count - 1) / fps
-    flight = ArcFlight(scene.flight, duration)
+    effects = choose(scene.effects, "the scene")
+    flight: Any = Trajectory(scene.flight, duration)
+    for effect in at(effects, "pose"):
+        flight = effect.module.fly(effect.settings, flight, scene.seed)
     frames = tuple(
         Frame(
             rank=k,
@@ -68,7 +91,49 @@ def make_plan(scene: Scene) -> Plan:
         )
         for k in range(count)
     )
-    return Plan(scene, intrinsics(scene.camera), frames, flight, build_fleet(scene, duration), build_city(scene))
+    K, size = intrinsics(scene.camera), (scene.camera.width_px, scene.camera.height_px)
+    lens: Lens = Pinhole(K)
+    for effect in at(effects, "lens"):
+        lens = effect.module.lens(effect.settings, K, size)
+    shutter = Shutter()
+    for effect in at(effects, "shutter"):
+        shutter = effect.module.shut(effect.settings, shutter, fps)
+    if shutter.readout_s > 0 and any(lens.margin_px):
+        raise InputError(
+            "effects: rolling_shutter and lens_distortion together are not simulated: a bent row has no single pose; "
+            "name one of them."
+        )
+    signals = scene.signal is not None
+    city = build_city(scene.street.ground(signals), scene.blocks, scene.greenery.street_trees, scene.seed)
+    fleet = make_fleet(scene, duration, folder)
+    models = find_models(scene.assets, folder)
+    plan = Plan(scene, K, frames, flight, fleet, city, effects, lens, shutter, (), Cast(fleet), models)
+    for effect in at(effects, "scene"):
+        plan = _staged(plan, effect.module.stage(effect.settings, plan))
+    return plan
+
+
+def _staged(plan: Plan, staging: Staging) -> Plan:
+    """The plan with one more effect on stage."""
+    extras = staging.extras()
+    cast = plan.cast if extras is None else Cast(plan.fleet, (*plan.cast.extras, extras))
+    return dataclasses.replace(plan, city=staging.city(plan.city), staging=(*plan.staging, staging), cast=cast)
+
+
+def make_fleet(scene: Scene, duration_s: float, folder: Path = Path()) -> Fleet:
+    """Everybody who drives, walks or stands in a scene, over its clip.
+
+    Raises:
+        InputError: two vehicles overlap, or the scene asks for what the street does not have.
+    """
+    lights = None
+    if scene.signal is not None:
+        lights = {"east_west": scene.signal.east_west_green_s, "north_south": scene.signal.north_south_green_s}
+    tracks = read_tracks(scene.tracks, folder) if scene.tracks else None
+    return build_fleet(
+        scene.street.network(lights is not None), scene.vehicles, scene.flows, scene.traffic, scene.parking,
+        scene.pedestrians, lights, scene.seed, duration_s, tracks,
+    )  # fmt: skip
 
 
 def document(plan: Plan, blender: str) -> dict[str, Any]:
@@ -76,7 +141,7 @@ def document(plan: Plan, blender: str) -> dict[str, Any]:
 
     Meshes and trajectories enter by their SHA-256, `blender` is the version that renders.
     """
-    poses = np.stack([plan.fleet.object_to_world(frame.time_s) for frame in plan.frames])
+    poses = np.stack([plan.cast.object_to_world(frame.time_s) for frame in plan.frames])
     content: dict[str, Any] = {
         "format": "aa4d-synth-plan",
         "version": 1,
@@ -84,9 +149,12 @@ def document(plan: Plan, blender: str) -> dict[str, Any]:
         "scene": dataclasses.asdict(plan.scene),
         "K": plan.K.tolist(),
         "frames": [{**dataclasses.asdict(frame), "viewmat": frame.viewmat.tolist()} for frame in plan.frames],
+        "effects": {effect.name: dataclasses.asdict(effect.settings) for effect in plan.effects},
         "instances": [dataclasses.asdict(instance) for instance in plan.fleet.instances],
+        "extras": [dataclasses.asdict(member) for member in plan.cast.members()[len(plan.fleet.instances) :]],
         "trajectories_sha256": hashlib.sha256(poses.tobytes()).hexdigest(),
         "city_sha256": plan.city.digest(),
+        "models": {model.kind: model.sha256 for model in plan.models},
     }
     content = json.loads(json.dumps(content))  # tuples become lists, as in a document read back
     content["sha256"] = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

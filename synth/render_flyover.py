@@ -21,7 +21,8 @@ from synth.capture import INDEX, Folder, open_folder  # noqa: E402
 from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
-from synth.plan import document, make_plan  # noqa: E402
+from synth.plan import Frame, Plan, document, make_plan  # noqa: E402
+from synth.progress import Progress  # noqa: E402
 from synth.spec import read_scene  # noqa: E402
 
 EPILOG = """\
@@ -45,12 +46,32 @@ def main(arguments: Sequence[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("scene", type=Path, metavar="SCENE", help="the scene file (TOML), e.g. scenes/crossroads.toml")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the capture folder to write")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="the capture folder to write")
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=1,
+        metavar="N",
+        help="processes that render at the same time (default: 1); the bytes are the same for any number",
+    )
+    parser.add_argument("--explain", action="store_true", help="print what would be rendered, and render nothing")
+    parser.add_argument("--ranks", help=argparse.SUPPRESS)  # a worker's shard, as "12,13,14"
     # Blender's own handler would end the process in the middle of a frame.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         options = parser.parse_args(arguments)
-        run(options.scene, options.out)
+        if options.explain:
+            from synth.explain import explain
+
+            print(explain(resolve(options.scene)))
+        elif options.out is None:
+            parser.error("the following arguments are required: --out")
+        elif options.workers < 1:
+            raise InputError(f"--workers {options.workers}: must be at least 1")
+        elif options.ranks is not None:
+            work(options.scene, options.out, [int(rank) for rank in options.ranks.split(",")])
+        else:
+            run(options.scene, options.out, options.workers)
     except SystemExit as stop:  # argparse: --help or a usage error
         return int(stop.code or 0)
     except InputError as error:
@@ -65,34 +86,96 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def run(scene_path: Path, out: Path) -> None:
-    """Render what is missing of a capture, and write its index last."""
+def resolve(scene_path: Path) -> Plan:
+    """The plan of a scene file."""
     scene = read_scene(scene_path)
     try:
-        plan = make_plan(scene)
+        return make_plan(scene, scene_path.parent)
     except InputError as error:
         raise InputError(f"{scene_path}: {error}") from None
+
+
+def load_blender() -> None:
+    """Import bpy, and quieten it. Raises InputError where there is none."""
     if importlib.util.find_spec("bpy") is None:
         raise InputError(
             "Blender is missing: run this file with `blender -b -P`, or install Blender's Python module "
             "(`pip install bpy`, Python 3.11)."
         )
     with interrupt_deferred():
-        from synth.blender.film import film
-        from synth.blender.session import version
-        from synth.export.capture import export
+        import synth.blender.film  # noqa: F401
+        from synth.blender.session import silence
+    silence()
+
+
+def folder_of(plan: Plan, out: Path) -> Folder:
+    return Folder(out, encoded=any(effect.stage == "encode" for effect in plan.effects))
+
+
+def run(scene_path: Path, out: Path, workers: int) -> None:
+    """Render what is missing of a capture, and write its index last."""
+    plan = resolve(scene_path)
+    scene = plan.scene
+    load_blender()
+    from synth.blender.session import version
+    from synth.export.capture import export
 
     plan_document = document(plan, version())
     state = open_folder(out, plan_document)
     if state == "finished":
         print(f"{out / INDEX}: this capture is complete already, nothing to render")
         return
-    folder, costs = Folder(out), Costs(out / "cost.json")
+    folder, costs = folder_of(plan, out), Costs(out / "cost.json")
     print(f"{scene.name}: {len(plan.frames)} frames, {len(plan.fleet.instances)} vehicles, into {out}", flush=True)
-    film(plan, folder, costs)
+    missing = [frame for frame in plan.frames if not folder.complete(frame)]
+    if 0 < len(missing) < len(plan.frames):
+        print(f"{len(plan.frames) - len(missing)} of {len(plan.frames)} frames are there; rendering the others")
+    if missing:
+        film_missing(plan, folder, missing, costs, scene_path, workers)
     export(plan, folder, {**plan_document["generator"], "scene": scene_path.name, "seed": scene.seed}, costs)
     for name in (INDEX, "frames/", "truth/", "points.ply", "transforms.json", "sparse/0/", "cost.json"):
         print(f"{out}/{name}")
+
+
+def film_missing(
+    plan: Plan, folder: Folder, missing: list[Frame], costs: Costs, scene_path: Path, workers: int
+) -> None:
+    """In this process, or shard by shard in workers."""
+    if workers == 1:
+        from synth.blender.film import film
+
+        film(plan, folder, missing, costs, Progress("frame", len(missing)).advance)
+        return
+    from synth.workers import WorkerError, film_in_workers, shards
+
+    progress = Progress("frame", len(missing))
+
+    def command(shard: list[Frame]) -> list[str]:
+        arguments = [str(scene_path), "--out", str(folder.root), "--ranks", ",".join(str(f.rank) for f in shard)]
+        import bpy
+
+        if bpy.app.binary_path:
+            return [bpy.app.binary_path, "-b", "-P", __file__, "--", *arguments]
+        return [sys.executable, __file__, *arguments]
+
+    try:
+        film_in_workers(command, shards(missing, workers), workers, costs, progress.advance)
+    except WorkerError as failed:
+        if failed.code == 130:
+            raise KeyboardInterrupt from None
+        raise InputError(f"A worker ended with exit code {failed.code}: {str(failed).strip()[-2000:]}") from None
+
+
+def work(scene_path: Path, out: Path, ranks: list[int]) -> None:
+    """As a worker: render the frames of these ranks, and say how it goes on standard output."""
+    plan = resolve(scene_path)
+    load_blender()
+    from synth.blender.film import film
+    from synth.workers import say_advance, say_costs
+
+    folder, costs = folder_of(plan, out), Costs(None)
+    film(plan, folder, [plan.frames[rank] for rank in ranks], costs, say_advance)
+    say_costs(costs)
 
 
 def own_arguments() -> list[str]:

@@ -11,7 +11,9 @@ def aa4d(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "aa4d.cli", *arguments], capture_output=True, text=True, timeout=120)
 
 
-@pytest.mark.parametrize("command", [(), ("synth",), ("train",), ("eval",), ("demo",)])
+@pytest.mark.parametrize(
+    "command", [(), ("synth",), ("train",), ("eval",), ("inspect",), ("render",), ("export",), ("demo",)]
+)
 def test_help_teaches(command: tuple[str, ...]) -> None:
     result = aa4d(*command, "--help")
     assert result.returncode == 0
@@ -24,6 +26,9 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
         (("synth", "absent.toml", "--out", "capture"), "absent.toml: cannot read the scene file"),
         (("train", "absent", "--out", "run"), "absent: no such capture folder"),
         (("eval", "absent"), "no such model file"),
+        (("inspect", "absent"), "no such model file"),
+        (("render", "absent"), "no such model file"),
+        (("export", "absent"), "no such model file"),
         (("demo", "absent.toml", "--out", "demo"), "absent.toml: no such scene file"),
     ],
 )

@@ -8,7 +8,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from aa4d.field.mlp import TwoLayer
+from aa4d.field.mlp import TwoLayer, evaluate_together
+from aa4d.kernels.local_gaussians import local_gaussians
 from aa4d.raster.types import Gaussians
 
 
@@ -40,13 +41,5 @@ class Decoder(nn.Module):
         # F.normalize keeps an anchor at the camera's very centre finite: its direction becomes zero.
         direction = F.normalize(state.position - camera_centre, dim=1)
         view = torch.cat([state.feature, direction], dim=1)
-        covariance = self.covariance(view).view(-1, 7)
-        scale = state.scale[:, None, 3:].expand(-1, state.offset.shape[1], -1).reshape(-1, 3)
-        centres = state.position[:, None] + state.offset * state.scale[:, None, :3]
-        return Gaussians(
-            means=centres.view(-1, 3),
-            quaternions=covariance[:, 3:],
-            scales=scale * torch.sigmoid(covariance[:, :3]),
-            opacities=torch.tanh(self.opacity(view)).view(-1).clamp_min(0),
-            colors=torch.sigmoid(self.color(view)).view(-1, 3),
-        )
+        decoded = evaluate_together((self.opacity, self.color, self.covariance), view)
+        return local_gaussians(state.position, state.offset, state.scale, *decoded)

@@ -166,6 +166,18 @@ def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
     return mask
 
 
+def depth_of(capture: Capture, index: int) -> NDArray[np.float32] | None:
+    """depth_z of a frame, [H, W] metres; None where the capture has no truth."""
+    truth = capture.frames[index].truth
+    if truth is None:
+        return None
+    depth = _array(capture.folder / truth, "depth_z")
+    expected = (capture.camera.height, capture.camera.width)
+    if depth.shape != expected:
+        raise InputError(f"{capture.folder / truth}: depth_z has shape {depth.shape}, expected {expected}")
+    return depth
+
+
 def _array(path: Path, name: str) -> NDArray[Any]:
     try:
         with np.load(path, allow_pickle=False) as file:

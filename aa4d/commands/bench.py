@@ -13,20 +13,27 @@ from aa4d.errors import InputError
 
 def bench(
     what: Annotated[
-        Positional[Literal["raster", "precision", "scaling"]],
-        arg(help="The rasteriser's speed, what its precisions cost and leave, or how its time grows."),
+        Positional[Literal["train", "raster", "precision", "scaling"]],
+        arg(
+            help="A training iteration part by part and how it grows; or the rasteriser's speed, what its precisions "
+            "cost and leave, or how its time grows."
+        ),
     ],
-    json: Annotated[Path | None, arg(help="File to write the rows of `raster` to, for machines.")] = None,
-    repeats: Annotated[int, arg(help="Runs of each scene; the best counts.")] = 7,
+    json: Annotated[Path | None, arg(help="File to write what `train` or `raster` measured to, for machines.")] = None,
+    repeats: Annotated[int, arg(help="Of the rasteriser: runs of each scene; the best counts.")] = 7,
 ) -> None:
-    """Measure the CPU rasteriser on this machine, on random scenes."""
+    """Measure training or the CPU rasteriser on this machine, on made-up scenes."""
     from aa4d.raster import bench as measure
 
     if repeats < 1:
         raise InputError(f"--repeats {repeats}: must be at least 1")
     if json is not None and not json.parent.is_dir():
         raise InputError(f"--json {json}: there is no folder {json.parent}")
-    if what == "raster":
+    if what == "train":
+        from aa4d.training import bench as training
+
+        training.bench(json, console)
+    elif what == "raster":
         measure.bench(repeats=repeats, json_path=json, console=console)
     elif what == "precision":
         measure.bench_precision(repeats, console)

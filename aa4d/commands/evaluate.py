@@ -22,6 +22,9 @@ def evaluate(
             "at hand."
         ),
     ] = None,
+    device: Annotated[
+        Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
+    ] = "auto",
 ) -> None:
     """Score a run on the held-out frames and time its rendering; writes metrics.json and eval/ into the run."""
     from aa4d.evaluation.evaluate import evaluate as run_evaluation
@@ -30,7 +33,7 @@ def evaluate(
     with step_progress("weights of LPIPS") as progress:
         perceptual = obtain(None if lpips is None else tuple(dict.fromkeys(lpips)), progress)
     with step_progress("frames") as progress:
-        metrics = run_evaluation(run, capture, progress, perceptual)
+        metrics = run_evaluation(run, capture, progress, perceptual, device=device)
     console.print(metrics_table(metrics.as_json()))
     for network, reason in metrics.lpips_not_measured.items():
         console.print(f"LPIPS ({network}) not measured: {reason}", highlight=False, soft_wrap=True)
@@ -60,7 +63,8 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
         table.add_row(f"LPIPS ({network})", "not measured", "")
     table.add_row("PSNR of training frames", db(metrics["psnr_training"]), "")
     width, height = metrics["resolution"]
-    table.add_row(f"rendering, {width}x{height}, {metrics['threads']} thread(s)", f"{metrics['fps']:.1f} fps", "")
+    where = "GPU" if metrics["device"] == "cuda" else f"{metrics['threads']} thread(s)"
+    table.add_row(f"rendering, {width}x{height}, {where}", f"{metrics['fps']:.1f} fps", "")
     table.add_row("training", f"{metrics['training_seconds'] / 60:.1f} min", "")
     table.add_row("anchors / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")

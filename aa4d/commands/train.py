@@ -17,7 +17,9 @@ def train(
     out: Annotated[Path, arg(help="Folder for the run: new, empty, or this run where it stopped.")],
     preset: Annotated[
         Literal["quick", "standard", "paper"],
-        arg(help="quick: minutes on two cores. standard: an hour or so. paper: its 3,000 + 30,000 iterations."),
+        arg(
+            help="quick: minutes on two cores. standard: a third of the paper's. paper: its 3,000 + 30,000 iterations."
+        ),
     ] = "quick",
     iterations: Annotated[
         tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")

@@ -16,6 +16,7 @@ from PIL import Image
 from torch import Tensor
 
 from aa4d.capture.reader import Capture, moving_mask, read_capture, read_image
+from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError
 from aa4d.evaluation.activity import PooledError, activity_labels
 from aa4d.evaluation.image_metrics import StructuralSimilarity, psnr
@@ -71,6 +72,7 @@ class Metrics:
     warm_up_frames: int
     timed_frames: int
     resolution: tuple[int, int]
+    device: str  # "cpu" or "cuda", of fps
     threads: int
     training_seconds: float
     anchors: int
@@ -89,6 +91,8 @@ def evaluate(
     capture_folder: Path | None,
     progress: Callable[[int, int], None],
     perceptual: Perceptual | None = None,
+    *,
+    device: DeviceName = "auto",
 ) -> Metrics:
     """Score `run`/model.safetensors; writes `metrics.json`, and the held-out renders and a plot into `run`/eval.
 
@@ -97,14 +101,16 @@ def evaluate(
     Args:
         capture_folder: where the capture lies; None to follow the path in the model file.
         perceptual: LPIPS; None for AlexNet's, where its weights are at hand.
+        device: where the model is rendered; images are compared on the CPU.
 
     Raises:
-        InputError: no model, no capture, or a capture without held-out frames.
+        InputError: no model, no capture, a capture without held-out frames, or no such device.
     """
     if run.is_file():
         raise InputError(f"{run}: is a file; name the folder of the run that holds it")
-    loaded = load_model(run / "model.safetensors")
-    static = load_model(run / "coarse.safetensors") if (run / "coarse.safetensors").exists() else None
+    chosen = choose_device(device)
+    loaded = load_model(run / "model.safetensors", chosen)
+    static = load_model(run / "coarse.safetensors", chosen) if (run / "coarse.safetensors").exists() else None
     capture = capture_of(loaded, capture_folder)
     held_out = capture.of_split("test")
     if not held_out:
@@ -158,6 +164,7 @@ def evaluate(
         warm_up_frames=WARM_UP_FRAMES,
         timed_frames=TIMED_FRAMES,
         resolution=(capture.camera.width, capture.camera.height),
+        device=chosen.type,
         threads=torch.get_num_threads(),
         training_seconds=loaded.training_seconds,
         anchors=len(loaded.model.anchors),

@@ -20,8 +20,12 @@ def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> float:
     Identical images give infinity, an empty mask NaN.
     """
     squared = (image.double() - target.double()).square()
-    error = float((squared if mask is None else squared[mask]).mean())
-    return math.inf if error == 0 else -10 * math.log10(error)
+    return decibels(float((squared if mask is None else squared[mask]).mean()))
+
+
+def decibels(squared_error: float) -> float:
+    """PSNR of a mean squared error, for a peak of 1."""
+    return math.inf if squared_error == 0 else -10 * math.log10(squared_error)
 
 
 class StructuralSimilarity:

@@ -14,10 +14,11 @@ from aa4d.rendering import render
 
 
 def view_of_frame(loaded: LoadedModel, capture: Capture, index: int) -> tuple[float | None, Camera, Tensor]:
-    """Time, camera and background, as `render` takes them; the pose is the model's, which training may have refined."""
+    """Time, camera and background, as `render` takes them, where the model is; its own pose, which may be refined."""
     c, frame = capture.camera, loaded.frames[index]
-    camera = loaded.frame.camera(frame.viewmat, c.K, c.width, c.height)
-    return None if loaded.is_static else frame.t, camera, torch.tensor(loaded.background)
+    device = loaded.model.anchors.position.device
+    camera = loaded.frame.camera(frame.viewmat, c.K, c.width, c.height, device)
+    return None if loaded.is_static else frame.t, camera, torch.tensor(loaded.background, device=device)
 
 
 def render_frame(loaded: LoadedModel, capture: Capture, index: int) -> NDArray[np.uint8]:
@@ -28,4 +29,4 @@ def render_frame(loaded: LoadedModel, capture: Capture, index: int) -> NDArray[n
 
 def as_picture(color: Tensor) -> NDArray[np.uint8]:
     """[H, W, 3] in [0, 1] -> 8 bits."""
-    return (color.clamp(0, 1) * 255).round().byte().numpy()
+    return (color.clamp(0, 1) * 255).round().byte().cpu().numpy()

@@ -26,13 +26,14 @@ class Exporter:
     says: str
     module: str
     states_axes: bool = False  # the file says which way is up, so there is no choice
+    needs: tuple[str, str] | None = None  # a module that is no dependency of aa4d, and the package that has it
 
 
 EXPORTERS = {
     "ply": Exporter("3D Gaussian splatting PLY, one file a view", "aa4d.export.splat_ply"),
     "points": Exporter("point-cloud PLY with colours, one file a view", "aa4d.export.point_ply"),
-    "usd": Exporter("animated points in one USD file", "aa4d.export.usd_points", states_axes=True),
-    "4dgs": Exporter("one file in the 4DGS container", "aa4d.export.fourdgs_container", states_axes=True),
+    "usd": Exporter("animated points in one USD file", "aa4d.export.usd_points", True, ("pxr", "usd-core")),
+    "4dgs": Exporter("one file in the 4DGS container", "aa4d.export.fourdgs_container", True, ("fourdgs", "fourdgs")),
 }
 
 
@@ -42,9 +43,16 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> None:
     Raises:
         InputError: `out` holds something else, or the format needs a package that is not installed.
     """
-    if EXPORTERS[name].states_axes and clip.axes != "world":
+    exporter = EXPORTERS[name]
+    if exporter.states_axes and clip.axes != "world":
         raise InputError(f"--axes {clip.axes}: a {name} file states its axes, which are the world's; leave it out")
-    write: Callable[[Clip, Path, Progress], None] = import_module(EXPORTERS[name].module).export
+    if exporter.needs is not None:
+        module, package = exporter.needs
+        try:
+            import_module(module)
+        except ImportError:
+            raise InputError(f"--format {name}: needs the package {package}; pip install {package}") from None
+    write: Callable[[Clip, Path, Progress], None] = import_module(exporter.module).export
     settings = {
         "format": "aa4d-export",
         "version": VERSION,

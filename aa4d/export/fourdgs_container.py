@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import fourdgs
 import numpy as np
 
 from aa4d import __version__
-from aa4d.errors import InputError
 from aa4d.export.clip import Array, Clip, WorldGaussians
 from aa4d.files import whole_file
 
@@ -25,10 +25,6 @@ METRE = 1
 
 def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     """`out`/scene.4dgs; a view's place on its clock is `Clip.seconds`, and the last one lasts one frame."""
-    try:
-        import fourdgs
-    except ImportError:
-        raise InputError("--format 4dgs: needs the package fourdgs; pip install fourdgs") from None
     path = out / NAME
     if path.exists():
         progress(len(clip), len(clip))

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from pxr import Sdf, Usd, UsdGeom, Vt
 
-from aa4d.errors import InputError
 from aa4d.export.clip import Array, Clip
 from aa4d.files import whole_file
 
@@ -19,10 +19,6 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
 
     World is z up and in metres; a width is twice the mean standard deviation; colours are linear, as USD wants them.
     """
-    try:
-        from pxr import Sdf, Usd, UsdGeom, Vt
-    except ImportError:
-        raise InputError("--format usd: needs the package usd-core; pip install usd-core") from None
     path = out / NAME
     if path.exists():
         progress(len(clip), len(clip))

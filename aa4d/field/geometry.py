@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from aa4d.field.mlp import TwoLayer, with_time
+from aa4d.field.mlp import TwoLayer
 
 
 class OffsetDeformation(TwoLayer):
@@ -15,7 +15,7 @@ class OffsetDeformation(TwoLayer):
 
     def forward(self, embedding: Tensor, t: float) -> Tensor:  # type: ignore[override]
         """[N, E] -> [N, K, 3]"""
-        return super().forward(with_time(embedding, t)).view(len(embedding), -1, 3)
+        return super().forward(embedding, t).unflatten(1, (-1, 3))
 
 
 class ScaleDeformation(TwoLayer):
@@ -26,4 +26,4 @@ class ScaleDeformation(TwoLayer):
 
     def forward(self, embedding: Tensor, t: float) -> Tensor:  # type: ignore[override]
         """[N, E] -> [N, 6]; s_i(t) = s_i * exp(Delta s_i), a sum in log space: it never turns negative."""
-        return super().forward(with_time(embedding, t))
+        return super().forward(embedding, t)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor, nn
+
+from aa4d.kernels.two_layer import Layers, two_layer
 
 
 class TwoLayer(nn.Module):
@@ -23,10 +24,14 @@ class TwoLayer(nn.Module):
             nn.init.zeros_(self.output.weight)
             nn.init.zeros_(self.output.bias)
 
-    def forward(self, x: Tensor) -> Tensor:
-        return self.output(torch.relu(self.hidden(x)))
+    def layers(self) -> Layers:
+        return self.hidden.weight, self.hidden.bias, self.output.weight, self.output.bias
+
+    def forward(self, x: Tensor, t: float | None = None) -> Tensor:
+        """[N, inputs], or [N, inputs - 1] and a time that is the last input of all -> [N, outputs]."""
+        return two_layer(x, [self.layers()], t)[0]
 
 
-def with_time(embedding: Tensor, t: float) -> Tensor:
-    """[e_i, t], the input of Phi_w, Phi_o and Phi_s: [N, E] -> [N, E + 1]."""
-    return torch.cat([embedding, embedding.new_full((embedding.shape[0], 1), t)], dim=1)
+def evaluate_together(networks: tuple[TwoLayer, ...], x: Tensor) -> tuple[Tensor, ...]:
+    """Several networks of the same input: cheaper than one after another."""
+    return two_layer(x, [network.layers() for network in networks])

@@ -17,6 +17,7 @@ from aa4d.files import read_json_object
 from aa4d.model_file import LoadedModel
 
 PATH_VERSION = 1
+MOST_VIEWS = 100_000  # a slip of the keyboard should not fill the memory
 Views = Literal["all", "held-out", "training"]
 _SPLITS = {"all": ("train", "test"), "held-out": ("test",), "training": ("train",)}
 
@@ -132,8 +133,8 @@ def looking_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray
 
 def resampled(path: CameraPath, count: int) -> CameraPath:
     """`count` views evenly along the same path, in the same seconds: cubic in position and rotation, linear in time."""
-    if count < 1:
-        raise InputError(f"--frames {count}: must be at least 1")
+    if not 1 <= count <= MOST_VIEWS:
+        raise InputError(f"{count} views: must be at least 1 and at most {MOST_VIEWS}; give another --frames or --fps")
     n = len(path.views)
     at = np.linspace(path.at[0], path.at[-1], count)
     if n == 1:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from aa4d.raster.constants import MAX_FEATURES
+from aa4d.raster.constants import MAX_FEATURES, MAX_SIDE
 from aa4d.raster.types import Camera, Gaussians
 
 
 def check_shapes(gaussians: Gaussians, camera: Camera, background: Tensor) -> None:
-    """Raises ValueError where a shape, or the size of the image, is wrong."""
+    """Raises ValueError where a shape, a kind of tensor, or the size of the image, is wrong."""
     count = len(gaussians.means) if gaussians.means.dim() else 0
     expected: list[tuple[str, Tensor, tuple[int, ...]]] = [
         ("means", gaussians.means, (count, 3)),
@@ -25,11 +25,16 @@ def check_shapes(gaussians: Gaussians, camera: Camera, background: Tensor) -> No
     for name, tensor, shape in expected:
         if tensor.shape != shape:
             raise ValueError(f"{name} has shape {list(tensor.shape)}, expected {list(shape)}")
+        _check_kind(name, tensor)
     features = gaussians.features
     if features is not None and (features.dim() != 2 or len(features) != count or features.shape[1] > MAX_FEATURES):
         raise ValueError(f"features has shape {list(features.shape)}, expected [{count}, at most {MAX_FEATURES}]")
-    if camera.width < 1 or camera.height < 1:
-        raise ValueError(f"the image has {camera.width} x {camera.height} pixels, expected at least 1 x 1")
+    if features is not None:
+        _check_kind("features", features)
+    if not (1 <= camera.width <= MAX_SIDE and 1 <= camera.height <= MAX_SIDE):
+        raise ValueError(
+            f"the image has {camera.width} x {camera.height} pixels, expected 1 to {MAX_SIDE} along each side"
+        )
 
 
 def check_camera(camera: Camera, background: Tensor) -> None:
@@ -57,6 +62,13 @@ def finite(gaussians: Gaussians) -> Tensor:
         if tensor is not None and tensor.dim() == 2:
             result = result & torch.isfinite(tensor).all(dim=-1)
     return result
+
+
+def _check_kind(name: str, tensor: Tensor) -> None:
+    if not tensor.is_floating_point():  # colours in bytes, above all, would be drawn 255 times too bright
+        raise ValueError(f"{name} is of {tensor.dtype}, expected floating point")
+    if tensor.layout != torch.strided or tensor.is_meta:
+        raise ValueError(f"{name} holds no plain array ({tensor.layout} on {tensor.device}), expected a dense tensor")
 
 
 def _check_finite(name: str, tensor: Tensor) -> None:

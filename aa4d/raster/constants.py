@@ -6,3 +6,4 @@ FRUSTUM_MARGIN = 0.3  # how far outside the image, in half fields of view, the J
 MIN_QUATERNION_NORM = 1e-12  # a shorter quaternion turns less and less: zero means no rotation
 MIN_COMPENSATION = 0.005  # of opacity, in the antialiased mode
 MAX_FEATURES = 32  # channels beside colour and depth
+MAX_SIDE = 1 << 20  # pixels of an image, along each side

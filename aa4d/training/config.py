@@ -1,8 +1,9 @@
-"""Every training setting and its preset.
+"""Every training setting and its preset, each with where it comes from.
 
-Learning rates and sizes hold in the model frame (aa4d/capture/frame.py), where the scene is at unit depth: none of
-them depends on metres. Values that the paper states are marked [paper]; the others follow Scaffold-GS, 4D-GS and
-MoDec-GS, or were chosen here and are marked [chosen].
+[paper] is stated there. [Scaffold-GS], [4D-GS] and [MoDec-GS] are the values of those methods' published code, the
+paper's own base and its nearest neighbours. [chosen] was settled here; `aa4d sweep` compares other values of DACW's
+settings, of the time planes' rows and of the embeddings' start. Learning rates and sizes hold in the model frame
+(aa4d/capture/frame.py), where the scene is at unit depth: none of them depends on metres.
 """
 
 from __future__ import annotations
@@ -26,22 +27,22 @@ class Decay:
 class LearningRates:
     """One for each parameter group, by the name of the module or anchor attribute."""
 
-    offset: Decay = Decay(0.01, 1e-4)
-    feature: Decay = Decay(0.0075, 0.0075)
-    log_scale: Decay = Decay(0.007, 0.007)
-    embedding: Decay = Decay(0.0075, 7.5e-4)  # [chosen]
+    offset: Decay = Decay(0.01, 1e-4)  # [Scaffold-GS]
+    feature: Decay = Decay(0.0075, 0.0075)  # [Scaffold-GS]
+    log_scale: Decay = Decay(0.007, 0.007)  # [Scaffold-GS]
+    embedding: Decay = Decay(0.0075, 7.5e-4)  # [chosen] as an anchor's feature, but settling
     planes: Decay = Decay(1.6e-2, 1.6e-3)  # [chosen] 10 x 4D-GS, whose rates scale with the extent of the scene
     deformation: Decay = Decay(1.6e-3, 1.6e-4)  # [chosen] likewise
-    position: Decay = Decay(1.6e-4, 1.6e-5)  # [chosen]
-    decoder_opacity: Decay = Decay(0.002, 2e-5)
-    decoder_color: Decay = Decay(0.008, 5e-5)
-    decoder_covariance: Decay = Decay(0.004, 0.004)
+    position: Decay = Decay(1.6e-4, 1.6e-5)  # [4D-GS], without its factor
+    decoder_opacity: Decay = Decay(0.002, 2e-5)  # [Scaffold-GS]
+    decoder_color: Decay = Decay(0.008, 5e-5)  # [Scaffold-GS]
+    decoder_covariance: Decay = Decay(0.004, 0.004)  # [Scaffold-GS]
     poses: Decay = Decay(2e-3, 2e-5)  # [chosen] radians and model units; falls over both stages
 
 
 @dataclass(frozen=True)
 class Densification:
-    """Growing and pruning of anchors (Scaffold-GS). Iterations count within a stage."""
+    """Growing and pruning of anchors, all [Scaffold-GS] unless marked. Iterations count within a stage."""
 
     statistics_from: int = 500
     start: int = 1500
@@ -57,7 +58,7 @@ class Densification:
 
 @dataclass(frozen=True)
 class WarpSettings:
-    """DACW: what the paper leaves open (64 bins are the model's)."""
+    """DACW: what the paper leaves open (64 bins are the model's). `aa4d sweep` compares other values."""
 
     smoothing: float = 1.5  # [chosen] bins
     gamma: float = 1.0  # [chosen]
@@ -67,13 +68,13 @@ class WarpSettings:
 
 @dataclass(frozen=True)
 class LossWeights:
-    """Of image and plane terms (0.8 L1 + 0.2 D-SSIM + volume as Scaffold-GS; planes as MoDec-GS's local field)."""
+    """Of image and plane terms; the paper states none of them."""
 
-    dssim: float = 0.2
-    volume: float = 0.01
-    plane_smoothness: float = 2e-4
-    time_smoothness: float = 1e-3
-    time_constancy: float = 1e-4
+    dssim: float = 0.2  # [Scaffold-GS] D-SSIM; L1 has the rest
+    volume: float = 0.01  # [Scaffold-GS] mean volume of the drawn Gaussians
+    plane_smoothness: float = 2e-4  # [MoDec-GS] its local field
+    time_smoothness: float = 1e-3  # [MoDec-GS]
+    time_constancy: float = 1e-4  # [MoDec-GS]
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class TrainingConfig:
     seed: int = 0
     voxel_px: float = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
     embedding_std: float = 0.01  # [chosen] of the embeddings at the start
-    checkpoint_every: int = 500
+    checkpoint_every: int = 500  # iterations; a killed run repeats at most so many
     refine_poses: bool = False  # learn the training cameras' poses with the scene
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification = field(default_factory=Densification)

@@ -13,6 +13,9 @@ from aa4d.training.checkpoints import TrainingState
 from aa4d.training.config import Densification
 from aa4d.training.optimiser import replace_rows
 
+# No Gaussian is wider than the scene is deep (Scaffold-GS has the number in scenes of any unit; ours have unit depth).
+LARGEST_LOG_SCALE = 0.05
+
 
 def densify(
     state: TrainingState, settings: Densification, rendered: Rendered, voxel: float, seed: tuple[int, ...]
@@ -54,6 +57,7 @@ def change_anchors(state: TrainingState, keep: Tensor, growth: Growth) -> None:
     """Drop the anchors outside `keep` and add the grown ones; moments and statistics follow.
 
     A grown anchor has its parent's feature and embeddings, no offsets, and the voxel's edge as its scales.
+    Gaussians' scales are bounded at this occasion.
     """
     anchors = state.model.anchors
     kept = keep.nonzero()[:, 0]
@@ -64,6 +68,7 @@ def change_anchors(state: TrainingState, keep: Tensor, growth: Growth) -> None:
     values = {name: getattr(anchors, name).detach()[inherited] for name in owned}
     values["offset"] = torch.cat([offset[kept], torch.zeros_like(offset[growth.parent])])
     values["log_scale"] = torch.cat([log_scale[kept], growth.voxel.log()[:, None].repeat(1, 6)])
+    values["log_scale"][:, 3:].clamp_(max=LARGEST_LOG_SCALE)
     for name, value in values.items():
         parameter = nn.Parameter(value)
         replace_rows(state.optimiser, getattr(anchors, name), parameter, rows)

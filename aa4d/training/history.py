@@ -56,7 +56,7 @@ class History:
             if image is not None and target is not None:
                 pair = image.new_zeros(image.shape[0], 2 * image.shape[1], 3)
                 pair[:, : image.shape[1]], pair[:, image.shape[1] :] = image.clamp(0, 1), target
-                self._board.add_image("rendered beside frame", pair.cpu(), step, dataformats="HWC")
+                self._board.add_image("training/rendered_beside_frame", pair.cpu(), step, dataformats="HWC")
             self._board.flush()
         self._written = len(self._rows)
 

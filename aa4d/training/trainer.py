@@ -20,9 +20,10 @@ from aa4d.capture.frame import ModelFrame, frame_of
 from aa4d.capture.reader import Capture, read_images
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
-from aa4d.evaluation.image_metrics import StructuralSimilarity, psnr
+from aa4d.evaluation.image_metrics import decibels
 from aa4d.field.planes import regularisation
 from aa4d.field.warping import density_adaptive_boundaries
+from aa4d.kernels.image_loss import image_loss
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
 from aa4d.raster.types import Camera
@@ -86,13 +87,8 @@ def train(
         Interrupted: Ctrl-C; the checkpoint and a usable model file of that moment are written.
     """
     chosen = choose_device(device)
-    model_config = ModelConfig(**{"temporal_resolution": temporal_resolution(len(capture.frames)), **(variant or {})})
-    settings = {
-        "capture": str(capture.folder.resolve()),
-        "capture_fingerprint": capture.fingerprint,
-        "training": dataclasses.asdict(config),
-        "model": dataclasses.asdict(model_config),
-    }
+    model_config = model_config_of(capture, variant or {})
+    settings = settings_of(capture, config, model_config)
     check_folder(out, settings)
     # Every image is read here, so that bad input is refused before anything is written.
     run = Run(capture, out, config, model_config, chosen)
@@ -111,6 +107,21 @@ def train(
         finally:
             history.close()
     return run.model_path
+
+
+def model_config_of(capture: Capture, variant: dict[str, Any]) -> ModelConfig:
+    """The model's settings for a capture; `variant` holds what differs from the defaults."""
+    return ModelConfig(**{"temporal_resolution": temporal_resolution(len(capture.frames)), **variant})
+
+
+def settings_of(capture: Capture, config: TrainingConfig, model_config: ModelConfig) -> dict[str, Any]:
+    """What makes a run this one and no other: `config.json`."""
+    return {
+        "capture": str(capture.folder.resolve()),
+        "capture_fingerprint": capture.fingerprint,
+        "training": dataclasses.asdict(config),
+        "model": dataclasses.asdict(model_config),
+    }
 
 
 class Run:
@@ -211,7 +222,7 @@ class Run:
                     f"stopped at {state.stage} iteration {state.iteration} of {total}; {self.out} is usable as it is, "
                     "and the same command continues from there"
                 )
-            if state.iteration % self.config.checkpoint_every == 0:
+            if state.iteration % self.config.checkpoint_every == 0 and state.iteration < total:
                 self._save_checkpoint(state, history)
 
     def step(self, state: TrainingState, watch: Watch | None = None) -> tuple[float, float]:
@@ -228,7 +239,7 @@ class Run:
         set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1))
         rendered = self._render(state, view)
         target = view.target()
-        loss = self._loss(model, state.stage, rendered, target)
+        loss, squared_error = self._loss(model, state.stage, rendered, target)
         value = loss.item()
         if not math.isfinite(value):
             raise NotFinite("the loss")
@@ -247,7 +258,7 @@ class Run:
         with torch.no_grad():
             seed = (self.config.seed, STAGES.index(state.stage))
             densify(state, self.config.densification, rendered, self.voxel, seed)
-        return value, psnr(rendered.rendering.color.detach(), target)
+        return value, decibels(squared_error.item())
 
     def _render(self, state: TrainingState, view: View) -> Rendered:
         try:
@@ -261,19 +272,19 @@ class Run:
         order = np.random.default_rng([self.config.seed, STAGES.index(stage), epoch]).permutation(len(self.views))
         return int(order[position])
 
-    def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> Tensor:
+    def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> tuple[Tensor, Tensor]:
+        """The loss, and the squared error of the image."""
         weights, rendering = self.config.loss, rendered.rendering
-        l1 = (rendering.color - target).abs().mean()
-        dssim = 1 - StructuralSimilarity(target)(rendering.color)
-        loss = (1 - weights.dssim) * l1 + weights.dssim * dssim
+        loss, squared_error = image_loss(rendering.color, target, weights.dssim)
         drawn = (rendering.radii > 0).float()
-        volume = (rendered.gaussians.scales.prod(1) * drawn).sum() / drawn.sum().clamp_min(1)
+        x, y, z = rendered.gaussians.scales.unbind(1)  # the gradient of prod() takes ten times as long
+        volume = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
         loss = loss + weights.volume * volume
         if stage == "fine":
             loss = loss + regularisation(
                 model.field, weights.plane_smoothness, weights.time_smoothness, weights.time_constancy
             )
-        return loss
+        return loss, squared_error
 
     def _enter_fine(self, state: TrainingState) -> None:
         """Build DACW and the field's box from the anchors of the coarse stage, and start a new optimiser."""
@@ -293,8 +304,10 @@ class Run:
         save_checkpoint(self.checkpoint_path, state)
 
     def _save(self, state: TrainingState, history: History) -> None:
-        self._save_checkpoint(state, history)
+        """The model first: where the checkpoint says that training is over, the model file is the final one."""
+        check_finite(state.optimiser, "a parameter")
         self._save_model(state, self.model_path)
+        self._save_checkpoint(state, history)
 
     def _save_checkpoint(self, state: TrainingState, history: History) -> None:
         """Only ever over the last one with finite values: it is what a diverged run goes back to."""

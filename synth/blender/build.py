@@ -16,6 +16,7 @@ from synth.plan import Frame, Plan
 from synth.spec import Camera, Light
 
 CLIP_END_M = 5000.0
+HORIZON = (1.0, 0.98, 0.73)  # mixed into the sky's colour where it meets the ground
 
 
 @dataclass(frozen=True)
@@ -29,22 +30,31 @@ class Stage:
     def place(self, plan: Plan, frame: Frame) -> None:
         """Put the camera and the vehicles where they are at the frame's instant: no keyframes, no interpolation."""
         self.camera.matrix_world = Matrix((invert_rigid(frame.viewmat) @ OPENCV_TO_OPENGL).tolist())
-        for vehicle, pose in zip(self.vehicles, plan.fleet.object_to_world(frame.time_s), strict=True):
+        poses, present = plan.fleet.object_to_world(frame.time_s), plan.fleet.present(frame.time_s)
+        for vehicle, pose, here in zip(self.vehicles, poses, present, strict=True):
             vehicle.matrix_world = Matrix(pose.tolist())
+            if vehicle.hide_render == bool(here):
+                vehicle.hide_render = not here
 
 
 def build_stage(plan: Plan) -> Stage:
     """Build everything into the current, empty scene."""
     scene = bpy.context.scene
     collection = scene.collection
-    collection.objects.link(bpy.data.objects.new("city", _mesh("city", plan.city.static)))
-    props = {name: _mesh(name, mesh) for name, mesh in plan.city.props.items()}
+    collection.objects.link(bpy.data.objects.new("city", mesh_data("city", plan.city.static)))
+    props = {name: mesh_data(name, mesh) for name, mesh in plan.city.props.items()}
     for index, placement in enumerate(plan.city.placements):
         prop = bpy.data.objects.new(f"{placement.mesh}.{index:03d}", props[placement.mesh])
         prop.location, prop.scale = placement.position, (placement.scale,) * 3
         prop.rotation_euler = (0, 0, placement.angle)
         collection.objects.link(prop)
-    bodies = {kind: _mesh(kind, vehicle_mesh(kind)) for kind in sorted({i.kind for i in plan.fleet.instances})}
+    kinds = sorted({instance.kind for instance in plan.fleet.instances})
+    models = {model.kind: model for model in plan.models if model.kind in kinds}
+    bodies = {kind: mesh_data(kind, vehicle_mesh(kind)) for kind in kinds if kind not in models}
+    if models:
+        from synth.blender.assets import import_model
+
+        bodies |= {kind: import_model(model) for kind, model in models.items()}
     vehicles = []
     for instance in plan.fleet.instances:
         vehicle = bpy.data.objects.new(instance.name, bodies[instance.kind])
@@ -56,7 +66,7 @@ def build_stage(plan: Plan) -> Stage:
     return Stage(scene, _camera(scene, plan.scene.camera), tuple(vehicles))
 
 
-def _mesh(name: str, mesh: Mesh) -> Any:
+def mesh_data(name: str, mesh: Mesh) -> Any:
     data = bpy.data.meshes.new(name)
     data.from_pydata(mesh.vertices, [], mesh.faces)
     surfaces = sorted(set(mesh.surfaces))
@@ -87,7 +97,7 @@ def _camera(scene: Any, camera: Camera) -> Any:
 def _light(scene: Any, light: Light) -> None:
     """A sun lamp, and a sky that pales towards the horizon (the same nodes in every version of Blender)."""
     data = bpy.data.lights.new("sun", "SUN")
-    data.energy, data.angle, data.color = light.sun_strength, math.radians(light.sun_angle_deg), (1.0, 0.95, 0.86)
+    data.energy, data.angle, data.color = light.sun_strength, math.radians(light.sun_angle_deg), light.sun_colour
     sun = bpy.data.objects.new("sun", data)
     # A sun lamp shines along its -z; turned so that it comes from the azimuth (counter-clockwise from east).
     sun.rotation_euler = (0, math.radians(90 - light.sun_elevation_deg), math.radians(light.sun_azimuth_deg))
@@ -100,8 +110,9 @@ def _light(scene: Any, light: Light) -> None:
     background = tree.nodes["Background"]
     background.inputs["Strength"].default_value = light.sky_strength
     ramp = tree.nodes.new("ShaderNodeValToRGB")
-    ramp.color_ramp.elements[0].position, ramp.color_ramp.elements[0].color = 0.0, (0.55, 0.62, 0.70, 1)
-    ramp.color_ramp.elements[1].position, ramp.color_ramp.elements[1].color = 0.6, (0.22, 0.38, 0.68, 1)
+    pale = [0.6 * channel + 0.4 * top for channel, top in zip(light.sky_colour, HORIZON, strict=True)]
+    ramp.color_ramp.elements[0].position, ramp.color_ramp.elements[0].color = 0.0, (*pale, 1)
+    ramp.color_ramp.elements[1].position, ramp.color_ramp.elements[1].color = 0.6, (*light.sky_colour, 1)
     split = tree.nodes.new("ShaderNodeSeparateXYZ")
     tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], split.inputs[0])
     tree.links.new(split.outputs["Z"], ramp.inputs["Fac"])

@@ -35,7 +35,8 @@ def _colour(tree: Any, surface: Surface) -> Any:
         attribute = tree.nodes.new("ShaderNodeAttribute")
         attribute.attribute_name = TINT
         colour = _multiply(tree, attribute.outputs["Color"], surface.colour)
-    position = tree.nodes.new("ShaderNodeNewGeometry").outputs["Position"] if surface.variation else None
+    textured = surface.variation or surface.windows_m
+    position = tree.nodes.new("ShaderNodeNewGeometry").outputs["Position"] if textured else None
     for scale, strength in surface.variation:
         noise = tree.nodes.new("ShaderNodeTexNoise")
         noise.inputs["Scale"].default_value = scale
@@ -46,7 +47,32 @@ def _colour(tree: Any, surface: Surface) -> Any:
         colour = _multiply(tree, colour, factor)
     if surface.slabs_m:
         colour = _multiply(tree, colour, _slabs(tree, position, surface.slabs_m))
+    if surface.windows_m:
+        colour = _multiply(tree, colour, _windows(tree, position, surface.windows_m))
     return colour
+
+
+def _windows(tree: Any, position: Any, size: float) -> Any:
+    """Grey values of a wall with rows of dark windows: the bricks of a pattern over (x + y, z)."""
+    split = tree.nodes.new("ShaderNodeSeparateXYZ")
+    tree.links.new(position, split.inputs[0])
+    along = tree.nodes.new("ShaderNodeMath")
+    tree.links.new(split.outputs["X"], along.inputs[0])
+    tree.links.new(split.outputs["Y"], along.inputs[1])
+    flat = tree.nodes.new("ShaderNodeCombineXYZ")
+    tree.links.new(along.outputs[0], flat.inputs["X"])
+    tree.links.new(split.outputs["Z"], flat.inputs["Y"])
+    brick = tree.nodes.new("ShaderNodeTexBrick")
+    brick.offset = 0.0
+    brick.inputs["Scale"].default_value = 1.0
+    brick.inputs["Brick Width"].default_value = 0.8 * size
+    brick.inputs["Row Height"].default_value = size
+    brick.inputs["Mortar Size"].default_value = 0.26 * size
+    brick.inputs["Mortar Smooth"].default_value = 0.0
+    for name, grey in (("Color1", 0.12), ("Color2", 0.2), ("Mortar", 1.0)):
+        brick.inputs[name].default_value = (grey, grey, grey, 1)
+    tree.links.new(flat.outputs[0], brick.inputs["Vector"])
+    return brick.outputs["Color"]
 
 
 def _slabs(tree: Any, position: Any, size: float) -> Any:
@@ -83,10 +109,19 @@ def _multiply(tree: Any, colour: Any, factor: Any) -> Any:
     return node.outputs[0]
 
 
+def carry_instance(imported: Any, name: str) -> Any:
+    """A material of somebody else's model, made to write the instance id too; None becomes a plain grey one."""
+    made = bpy.data.materials.new(name) if imported is None else imported
+    made.use_nodes = True
+    if INSTANCE not in made.node_tree.nodes:
+        _instance_pass(made.node_tree)
+    return made
+
+
 def _instance_pass(tree: Any) -> None:
     attribute = tree.nodes.new("ShaderNodeAttribute")
     attribute.attribute_type = "OBJECT"
     attribute.attribute_name = INSTANCE
     output = tree.nodes.new("ShaderNodeOutputAOV")
-    output.aov_name = INSTANCE
+    output.name = output.aov_name = INSTANCE
     tree.links.new(attribute.outputs["Fac"], output.inputs["Value"])

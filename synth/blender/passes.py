@@ -8,8 +8,12 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from synth.blender.materials import INSTANCE
 from synth.errors import InputError
+from synth.plan import Frame, Plan
+from synth.truth.classes import CLASS_OF_SURFACE, class_id, class_number
 
+CLASS = "class_id"  # the pass of the surfaces' classes
 NO_HIT_M = 1e9  # Cycles writes 1e10 where a ray hits nothing
 
 
@@ -57,14 +61,51 @@ def linear_rgb(passes: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
     return np.stack([passes[f"Combined.{channel}"] for channel in "RGB"], axis=-1)
 
 
-def truth(passes: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[Any]]:
-    """Planar depth, +inf where nothing is hit, and instance ids: what truth/NNNNNN.npz holds."""
+def needs_normals(plan: Plan) -> bool:
+    """Asked for, or needed to carry depth through a lens."""
+    return "normal" in plan.scene.truth.passes or any(plan.lens.margin_px)
+
+
+def truth(passes: dict[str, NDArray[np.float32]], plan: Plan, frame: Frame) -> dict[str, NDArray[Any]]:
+    """What truth/NNNNNN.npz holds: planar depth, +inf where nothing is hit, instance ids, and what is asked for."""
+    asked = plan.scene.truth.passes
     depth = passes["Depth.Z"] if "Depth.Z" in passes else passes["Depth.V"]
-    ids = next(value for name, value in passes.items() if name.split(".")[0] == "instance_id")
-    return {
+    found: dict[str, NDArray[Any]] = {
         "depth_z": np.where(depth < NO_HIT_M, depth, np.float32(np.inf)),
-        "instance_id": np.round(ids).astype(np.uint32),
+        "instance_id": np.round(_value(passes, INSTANCE)).astype(np.uint32),
     }
+    if needs_normals(plan):
+        found["normal"] = np.stack([passes[f"Normal.{axis}"] for axis in "XYZ"], axis=-1)
+    if "class_id" in asked:
+        surface = np.round(_value(passes, CLASS)).astype(np.uint8)
+        numbers = [class_number(member.class_name) for member in plan.cast.members()]
+        found["class_id"] = class_id(surface, found["instance_id"], np.array([0, *numbers], dtype=np.uint8))
+    if any(plan.lens.margin_px):
+        from synth.effects.lens_distortion import truth as through_the_lens
+
+        camera = plan.scene.camera
+        size = (camera.width_px, camera.height_px)
+        found = through_the_lens(plan.lens, found, size, frame.viewmat[:3, :3])
+    if "normal" not in asked:
+        found.pop("normal", None)
+    return found
+
+
+def _value(passes: dict[str, NDArray[np.float32]], name: str) -> NDArray[np.float32]:
+    """A pass of single values, whatever this version of Blender calls its channel."""
+    return next(value for channel, value in passes.items() if channel.split(".")[0] == name)
+
+
+def add_class_pass(layer: Any) -> None:
+    """A pass with the class of the surface: a constant in every material."""
+    aov = layer.aovs.add()
+    aov.name, aov.type = CLASS, "VALUE"
+    for material in bpy.data.materials:
+        tree = material.node_tree
+        value, output = tree.nodes.new("ShaderNodeValue"), tree.nodes.new("ShaderNodeOutputAOV")
+        value.outputs[0].default_value = float(class_number(CLASS_OF_SURFACE.get(material.name, "other")))
+        output.aov_name = CLASS
+        tree.links.new(value.outputs[0], output.inputs["Value"])
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:

@@ -11,9 +11,11 @@ from typing import Any
 import bpy
 
 from synth.blender.materials import INSTANCE
-from synth.blender.passes import read_passes
+from synth.blender.passes import add_class_pass, needs_normals, read_passes
 from synth.interrupts import interrupt_deferred
-from synth.spec import Camera, Render
+from synth.plan import Plan
+from synth.shutter import Shutter
+from synth.spec import Render
 
 
 @dataclass(frozen=True)
@@ -43,16 +45,29 @@ class Renderer:
         return passes
 
 
-def make_renderer(scene: Any, camera: Camera, render: Render, scratch: Path) -> Renderer:
+def make_renderer(scene: Any, plan: Plan, scratch: Path) -> Renderer:
     """Settings for the picture in `scene`, for the truth in a second scene linked to its objects."""
+    across, down = plan.lens.margin_px
+    size = (plan.scene.camera.width_px + 2 * across, plan.scene.camera.height_px + 2 * down)
+    subdivision = 1
+    if across:
+        from synth.effects import lens_distortion
+
+        subdivision = lens_distortion.SUBDIVISION
+        scene.camera.data.lens = float(scene.camera.data.sensor_width * plan.K[0, 0] / size[0])
     scene.name = "picture"
     truth = bpy.data.scenes.new("truth")
     truth.collection.children.link(_shared_collection(scene))
     truth.camera, truth.world = scene.camera, scene.world
-    for each in (scene, truth):
-        _common(each, camera)
-    _picture(scene, render)
+    _common(scene, size)
+    _common(truth, (subdivision * size[0], subdivision * size[1]))
+    _picture(scene, plan.scene.render)
+    if not plan.shutter.instant:
+        _blur(scene, plan.shutter, plan.scene.time.fps)
     _truth(truth)
+    truth.view_layers[0].use_pass_normal = needs_normals(plan)
+    if "class_id" in plan.scene.truth.passes:
+        add_class_pass(truth.view_layers[0])
     return Renderer(scene, truth, scratch)
 
 
@@ -66,10 +81,11 @@ def _shared_collection(scene: Any) -> Any:
     return shared
 
 
-def _common(scene: Any, camera: Camera) -> None:
+def _common(scene: Any, size: tuple[int, int]) -> None:
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
-    render.resolution_x, render.resolution_y, render.resolution_percentage = camera.width_px, camera.height_px, 100
+    render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+    scene.frame_current = 1  # everything is placed or keyed around this one frame
     render.pixel_aspect_x = render.pixel_aspect_y = 1.0
     render.use_motion_blur = render.use_compositing = render.use_sequencer = False
     render.use_persistent_data = True
@@ -94,6 +110,18 @@ def _picture(scene: Any, render: Render) -> None:
     cycles.transmission_bounces, cycles.volume_bounces, cycles.transparent_max_bounces = 0, 0, 2
     cycles.caustics_reflective = cycles.caustics_refractive = False
     cycles.sample_clamp_indirect = 4.0
+
+
+def _blur(scene: Any, shutter: Shutter, fps: float) -> None:
+    """Cycles exposes the row at the share r from the top for S d around S (1 - d) (r - 1/2) frames, for a shutter of S
+    frames and a rolling duration of d: S is readout plus exposure, S d the exposure."""
+    render, cycles = scene.render, scene.cycles
+    render.use_motion_blur = True
+    render.motion_blur_shutter = (shutter.exposure_s + shutter.readout_s) * fps
+    render.motion_blur_position = "CENTER"
+    if shutter.readout_s > 0:
+        cycles.rolling_shutter_type = "TOP"
+        cycles.rolling_shutter_duration = shutter.exposure_s / (shutter.exposure_s + shutter.readout_s)
 
 
 def _truth(scene: Any) -> None:

@@ -132,3 +132,61 @@ def _gable(mesh: Mesh, low: tuple[float, float], high: tuple[float, float], z: f
     cx = x0 + 0.3 * (x1 - x0)
     chimney = place((cx, middle + 0.5, z), (cx + 0.7, middle + 1.3, z))
     mesh.box(chimney[0], (chimney[1][0], chimney[1][1], z + rise + 0.9), "wall", (0.3, 0.13, 0.09))
+
+
+def office(
+    mesh: Mesh, low: tuple[float, float], high: tuple[float, float], ground: float, floors: int,
+    rng: np.random.Generator,
+) -> None:  # fmt: skip
+    """A block of bands: parapets of concrete or metal, ribbons of glass between mullions."""
+    frames: tuple[Tint, ...] = ((0.55, 0.55, 0.53), (0.20, 0.21, 0.23), (0.42, 0.36, 0.29), (0.30, 0.36, 0.42))
+    frame = frames[rng.integers(len(frames))]
+    (x0, y0), (x1, y1) = low, high
+    tall, band = 3.5, float(rng.uniform(0.7, 1.3))
+    spacing = float(rng.uniform(1.5, 3.0))
+    for floor in range(floors):
+        z = ground + floor * tall
+        mesh.box((x0, y0, z), (x1, y1, z + band), "wall", frame)
+        mesh.box((x0 + 0.22, y0 + 0.22, z + band), (x1 - 0.22, y1 - 0.22, z + tall), "window")
+        for along, (a, b) in enumerate(((x0, x1), (y0, y1))):
+            for at in np.arange(a + spacing, b - 0.5 * spacing, spacing):
+                for edge in (y0 + 0.1, y1 - 0.1) if along == 0 else (x0 + 0.1, x1 - 0.1):
+                    p, q = (at, edge) if along == 0 else (edge, at)
+                    mesh.box((p - 0.07, q - 0.12, z + band), (p + 0.07, q + 0.12, z + tall), "trim")
+    top = ground + floors * tall
+    mesh.box((x0, y0, top), (x1, y1, top + 0.25), "wall", frame)
+    _flat_roof(mesh, low, high, top + 0.27, frame, rng)  # not in the plane of the slab
+
+
+def house(
+    mesh: Mesh, low: tuple[float, float], high: tuple[float, float], ground: float, rng: np.random.Generator
+) -> None:
+    """A detached house of one or two floors with a pitched roof."""
+    wall = WALLS[rng.integers(len(WALLS))]
+    floors = int(rng.integers(1, 3))
+    centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2)
+    size = (high[0] - low[0], high[1] - low[1])
+    for side in range(4):
+        along, across = (size[0], size[1]) if side % 2 == 0 else (size[1], size[0])
+        front = Mesh()
+        _facade(front, along, floors, 3.0, (1.3, 1.3), wall, False, AWNINGS[0])
+        rotation = turn(side * np.pi / 2)
+        offset = rotation @ np.array([-along / 2, -across / 2, 0]) + [centre[0], centre[1], ground]
+        mesh.add(front, rotation, offset)
+    _gable(mesh, low, high, ground + GROUND_FLOOR_M + (floors - 1) * FLOOR_M, wall)
+
+
+def hall(
+    mesh: Mesh, low: tuple[float, float], high: tuple[float, float], ground: float, rng: np.random.Generator
+) -> None:
+    """A hall of sheet metal with gates and rows of skylights."""
+    shades: tuple[Tint, ...] = ((0.45, 0.47, 0.48), (0.28, 0.33, 0.40), (0.52, 0.50, 0.44), (0.36, 0.20, 0.15))
+    wall = shades[rng.integers(len(shades))]
+    (x0, y0), (x1, y1) = low, high
+    top = ground + float(rng.uniform(6.5, 9.5))
+    mesh.box((x0, y0, ground), (x1, y1, top), "cladding", wall)
+    _flat_roof(mesh, low, high, top + 0.02, wall, rng)  # not in the plane of the walls' top
+    for x in np.arange(x0 + 4.0, x1 - 5.0, 6.0):
+        mesh.box((float(x), y0 + 4.0, top), (float(x) + 1.6, y1 - 4.0, top + 0.45), "window")
+        mesh.polygon([(x, y0 - 0.03, ground), (x + 3.6, y0 - 0.03, ground), (x + 3.6, y0 - 0.03, ground + 4.2),
+                      (x, y0 - 0.03, ground + 4.2)], "trim")  # fmt: skip

@@ -1,21 +1,37 @@
 """Puts the city together: one static mesh, and shared meshes with the places where copies of them stand."""
 
 import hashlib
+import itertools
+import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from synth.city.buildings import building
-from synth.city.furniture import lamp_mesh, signal_mesh
-from synth.city.greenery import SHAPES, tree_mesh
-from synth.city.mesh import Mesh
-from synth.city.streets import CORNERS, KERB_HEIGHT_M, KERB_M, street_mesh
+from synth.city.blocks import BLOCKS, Plot
+from synth.city.furniture import FURNITURE
+from synth.city.greenery import tree_meshes
+from synth.city.mesh import Mesh, circle
 from synth.seeds import generator
-from synth.spec import Block, Scene, Street
-from synth.traffic.network import ARMS, half_width, stop_distance
+from synth.streets.ground import (
+    BEYOND_M,
+    CORNERS,
+    MARKING_HEIGHT_M,
+    PATCH_HEIGHT_M,
+    Ground,
+    Paint,
+    Row,
+    raise_island,
+)
+from synth.traffic.network import KERB_HEIGHT_M
+from synth.traffic.paths import Path
 
-DEPTH_M = 95.0  # how far from the crossing blocks are built up
-LAMP_SPACING_M = 22.0
+LAMP_SPACING_M = 24.0
+TREE_SPACING_M = 12.0
+FURNITURE_SPACING_M = 19.0
+LAMP_BEHIND_KERB_M = 0.6
+TREE_BEHIND_KERB_M = 1.2
+WORN_HEIGHT_M = 0.001
 
 
 @dataclass(frozen=True)
@@ -43,107 +59,130 @@ class City:
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def build_city(scene: Scene) -> City:
-    """The streets and blocks of a scene, from its seed."""
-    street = scene.street
-    grounds = dict.fromkeys(CORNERS, "grass")
-    grounds.update({b.corner: "court" if b.kind == "buildings" else "grass" for b in scene.blocks})
-    static = street_mesh(street, grounds, generator(scene.seed, "wear"))
-    trees = generator(scene.seed, "trees")
-    props = {f"tree-{i}": tree_mesh(trees) for i in range(SHAPES)} | {"lamp": lamp_mesh(), "signal": signal_mesh()}
+class Block(Protocol):
+    """What stands in one corner of the scene."""
+
+    @property
+    def corner(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def floors(self) -> tuple[int, int]: ...
+
+
+def build_city(ground: Ground, blocks: tuple[Block, ...], trees: float, seed: int) -> City:
+    """The ground and what stands on it, from a seed; `trees` is the share of the places along kerbs that have one."""
+    static = Mesh()
+    _sheet(static)
+    surfaces = {block.corner: BLOCKS[block.kind].surface for block in blocks}
+    for island in ground.islands:
+        raise_island(static, island, dict.fromkeys(CORNERS, "grass") | surfaces)
+    for paint in ground.paint:
+        _paint(static, paint)
+    for path, level in ground.worn:
+        _wheel_tracks(static, path, level)
+    _wear(static, ground, generator(seed, "wear"))
+    static.add(ground.structures, np.eye(3), (0, 0, 0))
     placements: list[Placement] = []
-    for block in scene.blocks:
-        rng = generator(scene.seed, f"block {block.corner}")
-        if block.kind == "buildings":
-            placements += _buildings(static, street, block, rng)
-        else:
-            placements += _park(static, street, block, rng)
-    placements += _street_trees(street, generator(scene.seed, "street trees"))
-    placements += _posts(street, signals=scene.signal is not None)
-    return City(static, props, tuple(placements))
+    for block in blocks:
+        sx, sy = CORNERS[block.corner]
+        plot = Plot(ground.plots[block.corner], (sx, sy), block.floors)
+        rng = generator(seed, f"block {block.corner}")
+        placements += [Placement(*place) for place in BLOCKS[block.kind].fill(static, plot, rng)]
+    placements += _along_kerbs(ground, trees, seed)
+    used = {placement.mesh for placement in placements}
+    props = tree_meshes(generator(seed, "trees")) | {name: make() for name, make in FURNITURE.items()}
+    return City(static, {name: mesh for name, mesh in props.items() if name in used}, tuple(placements))
 
 
-def _tree(x: float, y: float, rng: np.random.Generator) -> Placement:
-    shape, angle, scale = int(rng.integers(SHAPES)), float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.75, 1.2))
-    return Placement(f"tree-{shape}", (float(x), float(y), KERB_HEIGHT_M), angle, scale)
+def _sheet(mesh: Mesh) -> None:
+    far = BEYOND_M
+    mesh.polygon([(-far, -far, 0), (far, -far, 0), (far, far, 0), (-far, far, 0)], "asphalt")
 
 
-def _buildings(mesh: Mesh, street: Street, block: Block, rng: np.random.Generator) -> list[Placement]:
-    """Lots on an irregular grid; most hold a building, some a yard with trees."""
-    sx, sy = CORNERS[block.corner]
-    start = half_width(street) + KERB_M + street.pavement_width_m + 0.4
-    edges = []
-    for _ in range(2):
-        at, row = start, []
-        while at < DEPTH_M:
-            size = rng.uniform(11.0, 17.0)
-            row.append((at, at + size))
-            at += size + rng.choice([1.5, 3.0, 5.0])
-        edges.append(row)
-    trees = []
-    for i, (u0, u1) in enumerate(edges[0]):
-        for j, (v0, v1) in enumerate(edges[1]):
-            floors, yard = int(rng.integers(block.floors[0], block.floors[1] + 1)), rng.random() < 0.14
-            if yard and (i, j) != (0, 0):
-                lawn = [(u0, v0), (u1, v0), (u1, v1), (u0, v1)]
-                mesh.polygon([(sx * u, sy * v, KERB_HEIGHT_M + 0.03) for u, v in lawn], "grass")
-                for _ in range(4):
-                    trees.append(_tree(sx * rng.uniform(u0 + 2, u1 - 2), sy * rng.uniform(v0 + 2, v1 - 2), rng))
-                continue
-            xs, ys = sorted((sx * u0, sx * u1)), sorted((sy * v0, sy * v1))
-            building(mesh, (xs[0], ys[0]), (xs[1], ys[1]), KERB_HEIGHT_M, floors, rng)
-    return trees
+def _paint(mesh: Mesh, paint: Paint) -> None:
+    z = paint.level_m + (PATCH_HEIGHT_M if paint.surface == "cycle-lane" else MARKING_HEIGHT_M)
+    points = [(*p, z) for p in paint.points]
+    area = sum(a[0] * b[1] - b[0] * a[1] for a, b in itertools.pairwise([*points, points[0]]))
+    mesh.polygon(points if area > 0 else points[::-1], paint.surface)
 
 
-def _park(mesh: Mesh, street: Street, block: Block, rng: np.random.Generator) -> list[Placement]:
-    """Lawn, gravel paths and scattered trees."""
-    sx, sy = CORNERS[block.corner]
-    start, z = half_width(street) + KERB_M + street.pavement_width_m, KERB_HEIGHT_M + 0.02
-    far = DEPTH_M
-    path = [(start, start), (start + 2.6, start), (far, far - 2.6), (far, far), (far - 2.6, far),
-            (start, start + 2.6)]  # fmt: skip
-    mesh.polygon([(sx * u, sy * v, z) for u, v in path], "gravel")
-    middle = start + 24.0
-    ring = [(middle + 6.5 * np.cos(a), middle + 6.5 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 33)[:-1]]
-    mesh.polygon([(sx * u, sy * v, z + 0.02) for u, v in ring], "gravel")
-    bed = [(middle + 3.0 * np.cos(a), middle + 3.0 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 25)[:-1]]
-    mesh.polygon([(sx * u, sy * v, z + 0.06) for u, v in bed], "grass")
-    trees: list[Placement] = []
-    taken: list[tuple[float, float]] = []
-    for u, v in rng.uniform(start + 2.5, DEPTH_M, size=(160, 2)):
-        on_path = abs(u - v) < 4.0 or np.hypot(u - middle, v - middle) < 9.0
-        if on_path or any(np.hypot(u - a, v - b) < 5.0 for a, b in taken):
+def _wheel_tracks(mesh: Mesh, path: Path, level: float) -> None:
+    """Two darker strips where wheels roll."""
+    z = level + WORN_HEIGHT_M
+    for side in (-0.78, 0.78):
+        left, right = (path.inset(side + half).outline(8.0) for half in (0.33, -0.33))
+        for k in range(len(left) - 1):
+            mesh.polygon([(*right[k], z), (*right[k + 1], z), (*left[k + 1], z), (*left[k], z)], "worn")
+
+
+def _wear(mesh: Mesh, ground: Ground, rng: np.random.Generator) -> None:
+    """Repaired patches, tar seams and manhole covers along the lanes: what structure from motion holds on to."""
+    for path, level in ground.worn:
+        if level > 0:
             continue
-        taken.append((u, v))
-        trees.append(_tree(sx * u, sy * v, rng))
-    return trees
+        near = min(path.length_m, 130.0)
+        if near < 20.0:
+            continue
+        for _ in range(3):
+            along, length, width = rng.uniform(2.0, near), rng.uniform(1.2, 6.0), rng.uniform(0.7, 1.7)
+            across = rng.uniform(-1.3, 1.3 - width)
+            _patch(mesh, path, (along, along + length), (across, across + width), "patch")
+        for _ in range(3):
+            along, across = rng.uniform(2.0, near), rng.uniform(-1.2, 1.2)
+            _patch(mesh, path, (along, along + rng.uniform(4, 14)), (across, across + 0.07), "tar")
+        for along in rng.uniform(4.0, near, size=2):
+            (x, y), _ = path.frames(np.array(along))
+            mesh.polygon([(*p, 0.003) for p in circle(0.36, 16, (float(x), float(y)))], "iron")
 
 
-def _street_trees(street: Street, rng: np.random.Generator) -> list[Placement]:
-    """Trees along the kerbs, away from the crossing."""
-    across = half_width(street) + KERB_M + 0.9
-    trees = []
-    for dx, dy in ARMS.values():
-        for side in (-1, 1):
-            for along in np.arange(stop_distance(street) + 9.0, DEPTH_M, 13.0):
-                along = along + rng.uniform(-1.5, 1.5)
-                if rng.random() < 0.7:
-                    trees.append(_tree(dx * along - side * dy * across, dy * along + side * dx * across, rng))
-    return trees
+def _patch(mesh: Mesh, path: Path, along: tuple[float, float], across: tuple[float, float], surface: str) -> None:
+    s = np.linspace(*along, 2 if len(path.pieces) == 1 and path.pieces[0].curvature == 0 else 7)
+    right, left = path.beside(s, np.full(len(s), across[0])), path.beside(s, np.full(len(s), across[1]))
+    for k in range(len(s) - 1):
+        corners = (right[k], right[k + 1], left[k + 1], left[k])
+        mesh.polygon([(*p, PATCH_HEIGHT_M) for p in corners], surface)
 
 
-def _posts(street: Street, signals: bool) -> list[Placement]:
-    """Lamps along both streets, and a signal beside every stop line."""
-    across = half_width(street) + 0.6
-    posts = []
-    for dx, dy in ARMS.values():
-        for k, along in enumerate(np.arange(stop_distance(street) + 3.0, DEPTH_M, LAMP_SPACING_M)):
-            side = 1 if k % 2 else -1
-            position = (float(dx * along - side * dy * across), float(dy * along + side * dx * across), KERB_HEIGHT_M)
-            # The arm points from the kerb to the middle of the road.
-            posts.append(Placement("lamp", position, float(np.arctan2(-side * dx, side * dy))))
-        if signals:
-            along = stop_distance(street)
-            posts.append(Placement("signal", (float(dx * along - dy * across), float(dy * along + dx * across),
-                                              KERB_HEIGHT_M)))  # fmt: skip
-    return posts
+def _along_kerbs(ground: Ground, trees: float, seed: int) -> list[Placement]:
+    """Trees, lamps and small furniture behind the kerbs, signals beside the stop lines."""
+    rng = generator(seed, "street trees")
+    small = generator(seed, "street furniture")
+    placements = []
+    for number, row in enumerate(ground.rows):
+        length = math.dist(row.start, row.end)
+        toward_road = _heading(row) - 0.5 * math.pi
+        outwards = math.hypot(*row.start) < math.hypot(*row.end)
+        for k in range(int(length / LAMP_SPACING_M)):
+            if k % 2 != number % 2:
+                along = (k + 0.35) * LAMP_SPACING_M
+                along = along if outwards else length - along
+                placements.append(Placement("lamp", _beside(row, along, LAMP_BEHIND_KERB_M), toward_road))
+        for k in range(int((length - 8.0) / TREE_SPACING_M)):
+            along = 8.0 + k * TREE_SPACING_M + float(rng.uniform(-1.5, 1.5))
+            along = along if outwards else length - along
+            draw, place = rng.random(), _beside(row, along, TREE_BEHIND_KERB_M)
+            shape, angle = int(rng.integers(3)), float(rng.uniform(0, 2 * math.pi))
+            scale = float(rng.uniform(0.75, 1.2))
+            if row.trees and draw < trees:
+                placements.append(Placement(f"tree-{shape}", place, angle, scale))
+        for k in range(int((length - 5.0) / FURNITURE_SPACING_M)):
+            along = 5.0 + k * FURNITURE_SPACING_M + float(small.uniform(-2, 2))
+            along = along if outwards else length - along
+            name = ("bench", "bin", "hydrant", "sign", "bollard")[int(small.integers(5))]
+            behind = 0.6 if name in ("sign", "hydrant", "bollard") else 1.0
+            placements.append(Placement(name, _beside(row, along, behind), toward_road))
+    for x, y, heading in ground.lights:
+        placements.append(Placement("signal", (x, y, KERB_HEIGHT_M), heading + math.pi))
+    return placements
+
+
+def _heading(row: Row) -> float:
+    return math.atan2(row.end[1] - row.start[1], row.end[0] - row.start[0])
+
+
+def _beside(row: Row, along: float, behind: float) -> tuple[float, float, float]:
+    heading = _heading(row)
+    x = row.start[0] + along * math.cos(heading) - behind * math.sin(heading)
+    y = row.start[1] + along * math.sin(heading) + behind * math.cos(heading)
+    return x, y, row.level_m

@@ -8,7 +8,8 @@ from typing import Literal
 class Surface:
     """Linear RGB, roughness, and slow variation of the colour: (features per metre, relative strength) each.
 
-    `slabs_m` draws joints of that spacing on horizontal faces. `paint` takes the colour of the object instead.
+    `slabs_m` draws joints of that spacing on horizontal faces, `windows_m` rows of dark windows on walls.
+    `paint` takes the colour of the object instead.
     """
 
     colour: tuple[float, float, float]
@@ -16,6 +17,7 @@ class Surface:
     metallic: float = 0.0
     variation: tuple[tuple[float, float], ...] = ()
     slabs_m: float = 0.0
+    windows_m: float = 0.0
     paint: Literal["face", "object"] = "face"
 
 
@@ -24,6 +26,21 @@ GROUND = ((0.12, 0.25), (0.9, 0.22))
 SURFACES = {
     "asphalt": Surface((0.075, 0.076, 0.080), 0.95, variation=((0.10, 0.30), (0.6, 0.22), (3.0, 0.18))),
     "patch": Surface((0.045, 0.046, 0.050), 0.95, variation=((0.8, 0.2), (4.0, 0.15))),
+    "worn": Surface((0.060, 0.060, 0.063), 0.85, variation=((0.10, 0.30), (0.5, 0.3), (3.0, 0.2))),
+    "tar": Surface((0.025, 0.025, 0.027), 0.5, variation=((1.5, 0.3),)),
+    "cycle-lane": Surface((0.22, 0.062, 0.045), 0.95, variation=((0.3, 0.25), (2.5, 0.2))),
+    "concrete": Surface((0.34, 0.33, 0.31), 0.9, variation=((0.12, 0.25), (0.7, 0.15), (3.0, 0.12))),
+    "yard": Surface((0.17, 0.165, 0.155), 0.95, variation=((0.08, 0.35), (0.6, 0.2), (3.0, 0.15)), slabs_m=4.0),
+    "paving": Surface((0.31, 0.28, 0.25), 0.9, variation=((0.12, 0.2), (0.9, 0.15)), slabs_m=0.8),
+    "flowers": Surface((0.30, 0.05, 0.09), 1.0, variation=((1.5, 0.6), (5.0, 0.6))),
+    "water": Surface((0.03, 0.07, 0.08), 0.08),
+    "wood": Surface((0.16, 0.09, 0.045), 0.8, variation=((3.0, 0.3),)),
+    "cladding": Surface((1.0, 1.0, 1.0), 0.5, metallic=0.2, variation=((0.2, 0.15), (1.0, 0.08))),
+    "far-wall": Surface((1.0, 1.0, 1.0), 0.9, variation=((0.12, 0.2),), windows_m=3.2),
+    "bus-roof": Surface((0.55, 0.55, 0.53), 0.7),
+    "truck-box": Surface((0.60, 0.60, 0.58), 0.6),
+    "skin": Surface((0.36, 0.20, 0.13), 0.7),
+    "cloth": Surface((0.03, 0.035, 0.05), 0.9),
     "iron": Surface((0.035, 0.033, 0.032), 0.6, metallic=0.3),
     "marking": Surface((0.62, 0.62, 0.60), 0.8, variation=((1.2, 0.25), (6.0, 0.2))),
     "kerb": Surface((0.36, 0.35, 0.33), 0.9, variation=((1.0, 0.2),)),

@@ -2,11 +2,12 @@
 ground, x forward, z up."""
 
 import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from synth.city.mesh import Mesh
+from synth.city.mesh import Mesh, circle
 from synth.traffic.fleet import BODIES, Body
 
 
@@ -34,7 +35,11 @@ WHEEL_RADIUS_M = 0.33
 
 
 def vehicle_mesh(kind: str) -> Mesh:
-    """The mesh of one kind of vehicle; the paint comes from the object that uses it."""
+    """The mesh of one kind of road user; the paint comes from the object that uses it."""
+    return OTHERS[kind]() if kind in OTHERS else _car(kind)
+
+
+def _car(kind: str) -> Mesh:
     body, profile = BODIES[kind], PROFILES[kind]
     mesh = Mesh()
     _hull(mesh, body, profile)
@@ -104,11 +109,11 @@ def _cabin(mesh: Mesh, body: Body, profile: Profile, windows_to: float) -> None:
             mesh.polygon(quad[::side], "paint" if end <= windows_to else surface)
 
 
-def _wheel(mesh: Mesh, x: float, side: int, half_width: float) -> None:
+def _wheel(mesh: Mesh, x: float, side: int, half_width: float, radius: float = WHEEL_RADIUS_M) -> None:
     angles = np.arange(14) * (2 * np.pi / 14)
     outer, inner = side * (half_width + 0.015), side * (half_width - 0.24)
-    rim = [(x + WHEEL_RADIUS_M * np.cos(a), WHEEL_RADIUS_M * (1 + np.sin(a))) for a in angles]
-    hub = [(x + 0.58 * WHEEL_RADIUS_M * np.cos(a), WHEEL_RADIUS_M * (1 + 0.58 * np.sin(a))) for a in angles]
+    rim = [(x + radius * np.cos(a), radius * (1 + np.sin(a))) for a in angles]
+    hub = [(x + 0.58 * radius * np.cos(a), radius * (1 + 0.58 * np.sin(a))) for a in angles]
     for (xa, za), (xb, zb) in zip(rim, [*rim[1:], rim[0]], strict=True):
         mesh.polygon([(xa, inner, za), (xb, inner, zb), (xb, outer, zb), (xa, outer, za)], "tyre")
     mesh.polygon([(px, outer, pz) for px, pz in rim], "tyre")
@@ -131,3 +136,127 @@ def _lights(mesh: Mesh, body: Body, profile: Profile) -> None:
                           (x_low + lean, y0, z + 0.2)], surface)  # fmt: skip
     x = -0.5 * body.length_m - 0.006
     mesh.polygon([(x, -0.26, 0.52), (x, 0.26, 0.52), (x, 0.26, 0.63), (x, -0.26, 0.63)], "plate")
+
+
+def bus_mesh() -> Mesh:
+    """A city bus: a box with a ribbon of windows, doors on the right, hatches on the roof."""
+    body, mesh = BODIES["bus"], Mesh()
+    half_length, half, top = 0.5 * body.length_m, 0.5 * body.width_m - 0.02, body.height_m - 0.15
+    _walls(mesh, half_length, half, 0.32, 1.15, "paint")
+    _walls(mesh, half_length - 0.03, half - 0.02, 1.15, 2.35, "glass")
+    _walls(mesh, half_length, half, 2.35, top, "paint")
+    mesh.polygon([(-half_length, -half, top), (half_length, -half, top), (half_length, half, top),
+                  (-half_length, half, top)], "bus-roof")  # fmt: skip
+    for x in np.arange(-half_length + 0.8, half_length - 0.5, 1.45):
+        for side in (-1, 1):
+            y0, y1 = sorted((side * (half - 0.03), side * half))
+            mesh.box((x - 0.05, y0, 1.15), (x + 0.05, y1, 2.35), "bumper")
+    for x in (-1.2, 4.4):  # doors, on the kerb's side
+        mesh.polygon([(x, -half - 0.004, 0.4), (x + 1.25, -half - 0.004, 0.4), (x + 1.25, -half - 0.004, 2.3),
+                      (x, -half - 0.004, 2.3)], "glass")  # fmt: skip
+    for x, length in ((-3.8, 2.4), (0.5, 1.2), (3.4, 1.8)):
+        mesh.box((x, -0.7, top), (x + length, 0.7, top + 0.14), "trim")
+    for x in (-0.5 * body.wheelbase_m - 0.3, 0.5 * body.wheelbase_m):
+        for side in (-1, 1):
+            _wheel(mesh, x, side, half - 0.005, 0.48)
+    _end_lights(mesh, half_length, half, 0.75)
+    return mesh
+
+
+def truck_mesh() -> Mesh:
+    """A delivery lorry: a cab with a windscreen, and a box."""
+    body, mesh = BODIES["truck"], Mesh()
+    half_length, half = 0.5 * body.length_m, 0.5 * body.width_m - 0.02
+    cab = half_length - 1.9
+    mesh.box((cab, -half + 0.06, 0.45), (half_length, half - 0.06, 1.35), "paint")
+    mesh.box((cab, -half + 0.08, 1.35), (half_length - 0.1, half - 0.08, 2.1), "glass")
+    mesh.box((cab, -half + 0.06, 2.1), (half_length - 0.16, half - 0.06, 2.65), "paint")
+    mesh.box((cab - 0.1, -half + 0.3, 0.6), (cab, half - 0.3, 1.5), "bumper")
+    mesh.box((-half_length, -half, 0.95), (cab - 0.25, half, body.height_m - 0.02), "truck-box")
+    mesh.box((-half_length + 0.2, -half + 0.35, 0.5), (cab, half - 0.35, 0.95), "bumper")
+    for x in (-0.5 * body.wheelbase_m, 0.5 * body.wheelbase_m):
+        for side in (-1, 1):
+            _wheel(mesh, x, side, half - 0.005, 0.46)
+    _end_lights(mesh, half_length, half, 0.7)
+    return mesh
+
+
+def cyclist_mesh() -> Mesh:
+    """A rider on a bicycle."""
+    mesh, radius = Mesh(), 0.33
+    for x in (-0.525, 0.525):
+        ring = [(x + radius * np.cos(a), radius * (1.0 + np.sin(a))) for a in np.arange(14) * (2 * np.pi / 14)]
+        hole = [(x + 0.85 * (px - x), radius + 0.85 * (pz - radius)) for px, pz in ring]
+        for k in range(14):
+            n = (k + 1) % 14
+            for y in (-0.025, 0.025):
+                mesh.polygon([(ring[k][0], y, ring[k][1]), (ring[n][0], y, ring[n][1]), (hole[n][0], y, hole[n][1]),
+                              (hole[k][0], y, hole[k][1])], "tyre")  # fmt: skip
+            mesh.polygon([(ring[k][0], -0.025, ring[k][1]), (ring[n][0], -0.025, ring[n][1]),
+                          (ring[n][0], 0.025, ring[n][1]), (ring[k][0], 0.025, ring[k][1])], "tyre")  # fmt: skip
+    _limb(mesh, (-0.525, 0, 0.33), (0.35, 0, 0.75), 0.03, "metal")
+    _limb(mesh, (-0.2, 0, 0.4), (-0.25, 0, 0.9), 0.03, "metal")
+    _limb(mesh, (0.525, 0, 0.33), (0.4, 0, 1.0), 0.03, "metal")
+    _limb(mesh, (0.4, -0.27, 1.02), (0.4, 0.27, 1.02), 0.025, "bumper")
+    for side, knee in ((-1, 0.75), (1, 0.55)):
+        _limb(mesh, (-0.2, side * 0.1, 0.92), (0.15, side * 0.12, knee), 0.09, "cloth")
+        _limb(mesh, (0.15, side * 0.12, knee), (-0.02, side * 0.12, knee - 0.42), 0.07, "cloth")
+        _limb(mesh, (0.08, side * 0.2, 1.32), (0.38, side * 0.22, 1.04), 0.055, "paint")
+    _limb(mesh, (-0.22, 0, 0.92), (0.1, 0, 1.42), 0.19, "paint")
+    _head(mesh, (0.19, 0.0, 1.6), helmet=True)
+    return mesh
+
+
+def pedestrian_mesh() -> Mesh:
+    """Someone in mid-stride."""
+    mesh = Mesh()
+    for side, swing in ((-1, 0.18), (1, -0.18)):
+        _limb(mesh, (0, side * 0.09, 0.88), (swing, side * 0.1, 0.05), 0.085, "cloth")
+        _limb(mesh, (0, side * 0.2, 1.38), (-0.8 * swing, side * 0.24, 0.85), 0.055, "paint")
+    _limb(mesh, (0, 0, 0.85), (0.02, 0, 1.45), 0.19, "paint")
+    _head(mesh, (0.02, 0.0, 1.62), helmet=False)
+    return mesh
+
+
+def _walls(mesh: Mesh, half_length: float, half: float, z0: float, z1: float, surface: str) -> None:
+    base = [(-half_length, -half), (half_length, -half), (half_length, half), (-half_length, half)]
+    for (xa, ya), (xb, yb) in zip(base, [*base[1:], base[0]], strict=True):
+        mesh.polygon([(xa, ya, z0), (xb, yb, z0), (xb, yb, z1), (xa, ya, z1)], surface)
+    mesh.polygon([(x, y, z0) for x, y in base][::-1], "bumper")
+
+
+def _end_lights(mesh: Mesh, half_length: float, half: float, z: float) -> None:
+    for side in (-1, 1):
+        y0, y1 = sorted((side * 0.6 * half, side * 0.92 * half))
+        front, rear = half_length + 0.006, -half_length - 0.006
+        mesh.polygon([(front, y0, z), (front, y1, z), (front, y1, z + 0.2), (front, y0, z + 0.2)], "head-light")
+        mesh.polygon([(rear, y1, z), (rear, y0, z), (rear, y0, z + 0.2), (rear, y1, z + 0.2)], "tail-light")
+
+
+def _limb(mesh: Mesh, start: Sequence[float], end: Sequence[float], radius: float, surface: str) -> None:
+    """A six-sided bar with closed ends."""
+    a, b = np.array(start, dtype=float), np.array(end, dtype=float)
+    axis = (b - a) / np.linalg.norm(b - a)
+    side = np.cross(axis, [0, 1, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0, 0])
+    side /= np.linalg.norm(side)
+    other = np.cross(axis, side)
+    ring = [radius * (np.cos(t) * side + np.sin(t) * other) for t in np.arange(6) * (np.pi / 3)]
+    for k in range(6):
+        n = (k + 1) % 6
+        mesh.polygon([a + ring[k], a + ring[n], b + ring[n], b + ring[k]], surface)
+    mesh.polygon([a + r for r in ring][::-1], surface)
+    mesh.polygon([b + r for r in ring], surface)
+
+
+def _head(mesh: Mesh, centre: tuple[float, float, float], helmet: bool) -> None:
+    x, y, z = centre
+    mesh.prism(circle(0.10, 8, (x, y)), z - 0.13, z + 0.03, "skin")
+    mesh.prism(circle(0.115, 8, (x, y)), z + 0.03, z + 0.13, "lamp" if helmet else "cloth")
+
+
+OTHERS: dict[str, Callable[[], Mesh]] = {
+    "bus": bus_mesh,
+    "truck": truck_mesh,
+    "cyclist": cyclist_mesh,
+    "pedestrian": pedestrian_mesh,
+}

@@ -1,34 +1,73 @@
-"""Everything of a capture besides its frames: tracks, points, cameras for others, and the index last."""
+"""Everything of a capture besides its frames: derived truth, points, cameras for others, and the index last."""
 
-import numpy as np
-from numpy.typing import NDArray
+import dataclasses
+import hashlib
 
-from synth.capture import INDEX, Folder
+from synth.capture import INDEX, PLAN, Folder
 from synth.costs import Costs
+from synth.effects import at
 from synth.export.colmap import colmap_model
-from synth.export.index import index, tracks
+from synth.export.index import index, measured_viewmats, rows, tracks
 from synth.export.nerfstudio import transforms
 from synth.export.ply import ply
 from synth.export.points import build_points, load_views
 from synth.files import write_bytes, write_json, write_npz, write_text
-from synth.plan import Frame, Plan
+from synth.plan import Plan
+from synth.progress import Progress
+from synth.truth.derive import derive, steps
+
+CHECKSUMS = "checksums.json"
+COSTS = "cost.json"
 
 
 def export(plan: Plan, folder: Folder, generator: dict[str, object], costs: Costs) -> None:
     """Write it, from a folder in which every frame is complete."""
     from synth.blender.passes import read_rgb
 
-    def read_truth(frame: Frame) -> dict[str, NDArray]:
-        with np.load(folder.truth(frame), allow_pickle=False) as arrays:
-            return dict(arrays)
-
     root = folder.root
+    for effect in at(plan.effects, "encode"):
+        with costs.stage("encode"), costs.effect(effect.name):
+            effect.module.encode(effect.settings, plan, folder)
+    progress = Progress("truth", max(1, steps(plan)))
+    passes = derive(plan, folder, costs, progress.advance)
     with costs.stage("export"):
         write_npz(root / "truth" / "tracks.npz", **tracks(plan))
-        cloud = build_points(load_views(plan, lambda frame: read_rgb(folder.image(frame)), read_truth), plan.K)
+        if plan.shutter.readout_s > 0:
+            write_npz(root / "truth" / "rows.npz", **rows(plan))
+        cloud = build_points(
+            load_views(plan, lambda frame: read_rgb(folder.image(frame)), folder.read_truth), plan.lens
+        )
         write_bytes(root / "points.ply", ply(cloud))
-        write_json(root / "transforms.json", transforms(plan))
-        for name, text in colmap_model(plan, cloud).items():
+        told = told_plan(plan)
+        write_json(root / "transforms.json", transforms(told))
+        for name, text in colmap_model(told, cloud).items():
             write_text(root / "sparse" / "0" / name, text)
+        for name in plan.scene.exports:
+            _annotations(name, told, folder)
     costs.save()
-    write_json(root / INDEX, index(plan, folder, generator))
+    write_json(root / CHECKSUMS, checksums(folder))
+    write_json(root / INDEX, index(plan, folder, generator, passes))
+
+
+def told_plan(plan: Plan) -> Plan:
+    """The plan with the poses that the capture gives for the true ones."""
+    measured = measured_viewmats(plan)
+    if measured is None:
+        return plan
+    frames = tuple(dataclasses.replace(f, viewmat=measured[f.rank]) for f in plan.frames)
+    return dataclasses.replace(plan, frames=frames)
+
+
+def checksums(folder: Folder) -> dict[str, str]:
+    """SHA-256 of every file of the capture by its path, but for the index and what differs from run to run."""
+    left_out = {CHECKSUMS, COSTS, INDEX, PLAN}
+    files = sorted(path for path in folder.root.rglob("*") if path.is_file())
+    names = {folder.relative(path): path for path in files}
+    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in names.items() if name not in left_out}
+
+
+def _annotations(name: str, plan: Plan, folder: Folder) -> None:
+    from importlib import import_module
+
+    for path, text in import_module(f"synth.export.{name}").files(plan, folder).items():
+        write_text(folder.root / path, text)

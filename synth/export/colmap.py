@@ -13,8 +13,14 @@ from synth.plan import Plan
 def colmap_model(plan: Plan, cloud: PointCloud) -> dict[str, str]:
     """The text of cameras.txt, images.txt and points3D.txt by file name."""
     camera, K = plan.scene.camera, plan.K
-    numbers = " ".join(repr(float(v)) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
-    cameras = [f"1 PINHOLE {camera.width_px} {camera.height_px} {numbers}"]
+    bent = plan.lens.document().get("distortion")
+    values = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
+    model = "PINHOLE"
+    if bent:
+        model = "FULL_OPENCV"
+        values += [bent["k1"], bent["k2"], bent["p1"], bent["p2"], bent["k3"], 0, 0, 0]
+    numbers = " ".join(repr(float(v)) for v in values)
+    cameras = [f"1 {model} {camera.width_px} {camera.height_px} {numbers}"]
 
     order = np.lexsort((cloud.point_of, cloud.rank_of))
     rank_of, point_of, pixels = cloud.rank_of[order], cloud.point_of[order], cloud.pixels[order]
@@ -37,7 +43,7 @@ def colmap_model(plan: Plan, cloud: PointCloud) -> dict[str, str]:
         )
     ]
     return {
-        "cameras.txt": "# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n" + "\n".join(cameras) + "\n",
+        "cameras.txt": "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n" + "\n".join(cameras) + "\n",
         "images.txt": "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then X Y POINT3D_ID ...\n"
         + "\n".join(images)
         + "\n",

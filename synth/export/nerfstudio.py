@@ -24,7 +24,7 @@ def transforms(plan: Plan) -> dict[str, Any]:
         "camera_model": "OPENCV",
         "w": camera.width_px, "h": camera.height_px,
         "fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2],
-        "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0,
+        "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0, **plan.lens.document().get("distortion", {}),
         "ply_file_path": "points.ply",
         "applied_transform": np.eye(4)[:3].tolist(),
         "train_filenames": names["train"], "val_filenames": names["test"], "test_filenames": names["test"],

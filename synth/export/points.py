@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from synth.camera import pixel_centres, project, unproject
+from synth.camera import pixel_centres
+from synth.lens import Lens
 from synth.plan import Frame, Plan
 
 Array = NDArray[np.float64]
@@ -48,19 +49,20 @@ def load_views(plan: Plan, read_image: Callable[[Frame], NDArray[np.uint8]],
             continue
         truth = read_truth(frame)
         depth, ids = truth["depth_z"], truth["instance_id"]
-        moves = np.concatenate([[False], plan.fleet.moving(frame.time_s)])  # by id; 0 is the background
+        moves = np.concatenate([[False], plan.cast.moving(frame.time_s)])  # by id; 0 is the background
         views.append(View(frame, read_image(frame), depth, (depth < FARTHEST_M) & ~moves[ids]))
     return views
 
 
-def build_points(views: list[View], K: Array) -> PointCloud:
+def build_points(views: list[View], lens: Lens) -> PointCloud:
     """About `TARGET_POINTS` surface points, evenly spread by a voxel grid, coloured by the mean over their views."""
-    candidates = np.concatenate([_surface(view, K) for view in views])
+    candidates = np.concatenate([_surface(view, lens) for view in views])
     positions = _thin(candidates, TARGET_POINTS)
     sums, counts = np.zeros((len(positions), 3)), np.zeros(len(positions), dtype=np.int64)
     points, ranks, pixels = [], [], []
     for view in views:
-        uv, depth = project(positions, view.frame.viewmat, K)
+        local = positions @ view.frame.viewmat[:3, :3].T + view.frame.viewmat[:3, 3]
+        uv, depth = lens.project(local), local[:, 2]
         height, width = view.depth_z.shape
         inside = (depth > 0) & (uv[:, 0] >= 0) & (uv[:, 0] < width) & (uv[:, 1] >= 0) & (uv[:, 1] < height)
         index = np.flatnonzero(inside)
@@ -81,14 +83,14 @@ def build_points(views: list[View], K: Array) -> PointCloud:
     )
 
 
-def _surface(view: View, K: Array) -> Array:
+def _surface(view: View, lens: Lens) -> Array:
     """World points of every few pixels of what is fixed in a view."""
     height, width = view.depth_z.shape
     grid = np.zeros((height, width), dtype=bool)
     grid[PIXEL_STRIDE // 2 :: PIXEL_STRIDE, PIXEL_STRIDE // 2 :: PIXEL_STRIDE] = True
     chosen = grid & view.fixed
-    uv = pixel_centres(width, height)[chosen]
-    return unproject(uv, view.depth_z[chosen].astype(np.float64), view.frame.viewmat, K)
+    local = lens.rays(pixel_centres(width, height)[chosen]) * view.depth_z[chosen].astype(np.float64)[:, None]
+    return (local - view.frame.viewmat[:3, 3]) @ view.frame.viewmat[:3, :3]
 
 
 def _tolerance(view: View) -> Array:

@@ -1,107 +1,191 @@
-"""All vehicles of a scene as instances: an id, a kind, a paint, and a pose and speed at any real time."""
+"""All road users of a scene as instances: an id, a kind, a paint, and a pose and speed at any real time."""
 
-import itertools
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from synth.errors import InputError
 from synth.seeds import generator
-from synth.spec import Kind, Scene
-from synth.traffic.fleet import BODIES, PAINTS
-from synth.traffic.network import crossroads
-from synth.traffic.parking import Parked, park
+from synth.traffic.fleet import BODIES, Paint
+from synth.traffic.network import Network
+from synth.traffic.population import Parked, Population, draw_paint, populate
+from synth.traffic.settings import Flow, Parking, Pedestrians, Traffic, Vehicle
+from synth.traffic.signals import Intervals
 from synth.traffic.simulation import Drives, simulate
+from synth.traffic.tracks import Tracks
 
 Array = NDArray[np.float64]
-Paint = tuple[float, float, float]
 
 MOVING_MPS = 0.05  # docs/formats.md: above this speed an instance is moving
 CLEARANCE_M = 0.1  # bodies closer than this count as overlapping
+CHECK_EVERY_S = 0.1
 
 
 @dataclass(frozen=True)
 class Instance:
-    """A vehicle. Ids count from 1; 0 is the background. `paint` is linear RGB."""
+    """A road user. Ids count from 1; 0 is the background. `paint` is linear RGB."""
 
     id: int
     name: str
-    kind: Kind
+    kind: str
     paint: Paint
+
+
+class Movers(Protocol):
+    """A group of road users; arrays over its members."""
+
+    @property
+    def kinds(self) -> tuple[str, ...]: ...
+
+    def poses(self, time_s: float) -> tuple[Array, Array]:
+        """Centres [M, 2] and headings [M]."""
+        ...
+
+    def heights(self, time_s: float) -> Array: ...
+
+    def speeds(self, time_s: float) -> Array: ...
+
+    def here(self, time_s: float) -> NDArray[np.bool_]: ...
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Parked vehicles as a group."""
+
+    parked: tuple[Parked, ...]
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return tuple(p.kind for p in self.parked)
+
+    def poses(self, time_s: float) -> tuple[Array, Array]:  # noqa: ARG002 - as in every group
+        return np.array([p.centre for p in self.parked]).reshape(-1, 2), np.array([p.heading for p in self.parked])
+
+    def heights(self, time_s: float) -> Array:  # noqa: ARG002
+        return np.array([p.level_m for p in self.parked])
+
+    def speeds(self, time_s: float) -> Array:  # noqa: ARG002
+        return np.zeros(len(self.parked))
+
+    def here(self, time_s: float) -> NDArray[np.bool_]:  # noqa: ARG002
+        return np.ones(len(self.parked), dtype=bool)
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Driven vehicles first, then the parked ones; arrays over instances keep this order."""
+    """Those that can move first, then the parked ones; arrays over instances keep this order."""
 
     instances: tuple[Instance, ...]
-    drives: Drives
-    parked: tuple[Parked, ...]
+    groups: tuple[Movers, ...]
 
     def object_to_world(self, time_s: float) -> Array:
         """Rigid poses [M, 4, 4]: origin at the centre of the footprint, x forward, z up."""
-        centres, headings = self.drives.poses(time_s)
-        centres = np.concatenate([centres, np.array([p.centre for p in self.parked]).reshape(-1, 2)])
-        headings = np.concatenate([headings, np.array([p.heading for p in self.parked])])
+        parts = [group.poses(time_s) for group in self.groups]
+        centres = np.concatenate([centre for centre, _ in parts])
+        headings = np.concatenate([heading for _, heading in parts])
         cos, sin = np.cos(headings), np.sin(headings)
         poses = np.tile(np.eye(4), (len(headings), 1, 1))
         poses[:, 0, 0], poses[:, 0, 1] = cos, -sin
         poses[:, 1, 0], poses[:, 1, 1] = sin, cos
         poses[:, :2, 3] = centres
+        poses[:, 2, 3] = np.concatenate([group.heights(time_s) for group in self.groups])
         return poses
 
     def speed_mps(self, time_s: float) -> Array:
-        """Speeds [M]."""
-        return np.concatenate([self.drives.state(time_s)[1], np.zeros(len(self.parked))])
+        """Speeds [M]; 0 where an instance is not present."""
+        speeds = np.concatenate([group.speeds(time_s) for group in self.groups])
+        return np.where(self.present(time_s), speeds, 0.0)
 
     def moving(self, time_s: float) -> NDArray[np.bool_]:
         """Which instances move [M]."""
         return self.speed_mps(time_s) > MOVING_MPS
 
+    def present(self, time_s: float) -> NDArray[np.bool_]:
+        """Which instances are in the scene [M]: not before they enter and not after they have left."""
+        return np.concatenate([group.here(time_s) for group in self.groups])
 
-def build_fleet(scene: Scene, duration_s: float) -> Fleet:
-    """Simulate the driven vehicles, park the others, and check that no two ever overlap.
+
+def build_fleet(network: Network, vehicles: tuple[Vehicle, ...], flows: tuple[Flow, ...], traffic: Traffic,
+                parking: Parking, people: Pedestrians, lights: Mapping[str, Intervals] | None, seed: int,
+                duration_s: float, tracks: Tracks | None = None) -> Fleet:  # fmt: skip
+    """Simulate who drives and walks, park the others, and check that no two ever overlap.
 
     Raises:
-        InputError: two vehicles overlap.
+        InputError: two vehicles overlap, or the scene asks for what the street does not have.
     """
-    drives = simulate(crossroads(scene.street), scene.vehicles, scene.signal, scene.traffic, duration_s)
-    parked = park(scene.street, scene.traffic.parked_share, generator(scene.seed, "parking"))
-    paints = generator(scene.seed, "paints")
-    weights = np.array([weight for _, weight in PAINTS])
+    population = populate(network, vehicles, flows, traffic, parking, people, seed, duration_s)
+    warm_up = traffic.warm_up_s if flows or parking.arriving else 0.0
+    drives = simulate(network, population.cars, population.walkers, lights, traffic, -warm_up, duration_s)
+    shown = drives.present.any(axis=0)
+    groups: list[Movers] = [drives.only(shown), Standing(population.parked)]
+    described = [d for d, show in zip(_described(population, drives), shown, strict=True) if show]
+    described += [(p.kind, "parked", None) for p in population.parked]
+    if tracks is not None:
+        groups.insert(1, tracks)
+        described[int(shown.sum()) : int(shown.sum())] = [(kind, "track", None) for kind in tracks.kinds]
+    rng = generator(seed, "paints")
     instances = []
-    described: list[tuple[Kind, str, Paint | None]] = [
-        (vehicle.kind, vehicle.route, vehicle.colour) for vehicle in scene.vehicles
-    ]
-    described += [(vehicle.kind, "parked", None) for vehicle in parked]
     for number, (kind, where, colour) in enumerate(described, start=1):
-        drawn = PAINTS[paints.choice(len(PAINTS), p=weights / weights.sum())][0]
+        drawn = draw_paint(kind, rng)
         instances.append(Instance(number, f"{where}-{kind}-{number:03d}", kind, colour or drawn))
-    fleet = Fleet(tuple(instances), drives, parked)
-    for time_s in np.linspace(0.0, duration_s, max(2, round(duration_s / 0.1) + 1)):
+    fleet = Fleet(tuple(instances), tuple(groups))
+    refuse_overlaps(fleet, duration_s)
+    return fleet
+
+
+def _described(population: Population, drives: Drives) -> list[tuple[str, str, Paint | None]]:
+    where = [*population.where, *["walking"] * len(population.walkers)]
+    colours = [*population.colours, *[None] * len(population.walkers)]
+    return list(zip(drives.kinds, where, colours, strict=True))
+
+
+def refuse_overlaps(fleet: Fleet, duration_s: float) -> None:
+    """Check the whole clip ten times a second."""
+    for time_s in np.linspace(0.0, duration_s, max(2, round(duration_s / CHECK_EVERY_S) + 1)):
         clash = overlapping(fleet, float(time_s))
         if clash:
             first, second = (fleet.instances[i].name for i in clash[0])
             raise InputError(
                 f"vehicles: {first} and {second} overlap at {time_s:.1f} s; change the position, speed or route of one."
             )
-    return fleet
 
 
 def overlapping(fleet: Fleet, time_s: float) -> list[tuple[int, int]]:
-    """Pairs of indices whose footprints are closer than the clearance: separating axes of two rectangles."""
+    """Pairs of indices whose footprints are closer than the clearance: separating axes of two rectangles.
+
+    People on foot are tested against vehicles, not against each other. What is far apart in x is never compared: tens
+    of thousands of instances take a second.
+    """
     poses = fleet.object_to_world(time_s)
     half = np.array([BODIES[i.kind].dimensions_m[:2] for i in fleet.instances]).reshape(-1, 2) * 0.5
-    centres, axes = poses[:, :2, 3], poses[:, :2, :2].transpose(0, 2, 1)  # axes[m, 0] points forward
+    present = np.flatnonzero(fleet.present(time_s))
+    on_foot = np.array([i.kind == "pedestrian" for i in fleet.instances], dtype=bool)
     reach = np.hypot(*half.T)
+    order = present[np.argsort(poses[present, 0, 3], kind="stable")]
     pairs = []
-    for i, j in itertools.combinations(range(len(poses)), 2):
-        between = centres[j] - centres[i]
-        if np.hypot(*between) > reach[i] + reach[j] + CLEARANCE_M:
-            continue
-        directions = np.concatenate([axes[i], axes[j]])  # [4, 2]
-        spread = np.abs(directions @ axes[i].T) @ half[i] + np.abs(directions @ axes[j].T) @ half[j]
-        if np.all(np.abs(directions @ between) < spread + CLEARANCE_M):
-            pairs.append((i, j))
-    return pairs
+    for step in range(1, len(order)):
+        first, second = order[:-step], order[step:]
+        between = poses[second, :3, 3] - poses[first, :3, 3]
+        widest = 2 * reach.max() + CLEARANCE_M
+        if between[:, 0].min() > widest:
+            break
+        near = np.hypot(between[:, 0], between[:, 1]) <= reach[first] + reach[second] + CLEARANCE_M
+        near &= (np.abs(between[:, 2]) < 2.0) & ~(on_foot[first] & on_foot[second])
+        for i, j in zip(first[near].tolist(), second[near].tolist(), strict=True):
+            if _touch(poses[i], half[i], poses[j], half[j]):
+                pairs.append((min(i, j), max(i, j)))
+    return sorted(pairs)
+
+
+def _touch(a: Array, half_a: Array, b: Array, half_b: Array) -> bool:
+    between = (b - a)[:2, 3]
+    if not math.isfinite(float(between.sum())):
+        return True
+    axes_a, axes_b = a[:2, :2].T, b[:2, :2].T  # the first points forward
+    directions = np.concatenate([axes_a, axes_b])  # [4, 2]
+    spread = np.abs(directions @ axes_a.T) @ half_a + np.abs(directions @ axes_b.T) @ half_b
+    return bool(np.all(np.abs(directions @ between) < spread + CLEARANCE_M))

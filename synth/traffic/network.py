@@ -1,95 +1,172 @@
-"""The lanes of a street layout: approaches, connectors through the junction, exits; and the routes along them.
+"""Lanes, how they join into routes, where they cross one another, and where one may park or walk.
 
-Traffic keeps to the right. Every approach ends at its stop line.
+Traffic keeps to the right. A lane marked `junction` may be entered only with a grant (see `right_of_way`); where two
+such lanes come too close to each other is found from their geometry, so that a new street needs no table of conflicts.
 """
 
-import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from synth.spec import Street
-from synth.traffic.paths import Path, Piece, line
+from synth.traffic.paths import Path, Point, joints
 
-ARMS = {"east": (1.0, 0.0), "north": (0.0, 1.0), "west": (-1.0, 0.0), "south": (0.0, -1.0)}
-CROSSING_WIDTH_M = 2.6  # zebra crossing
-CROSSING_SETBACK_M = 0.6  # from the end of the kerb's curve to the zebra crossing
-STOP_SETBACK_M = 1.0  # from the zebra crossing to the stop line
+__all__ = ["Bay", "Conflict", "Crossing", "Lane", "Network", "joints"]
+
+Array = NDArray[np.float64]
+Group = str  # of signal lights: "east_west" or "north_south"
+
+KERB_HEIGHT_M = 0.12
+SAMPLE_M = 0.4
+CLEAR_M = 2.5  # centre lines nearer than this: two vehicles of usual width would touch, or nearly
+WALKER_M = 0.6  # from the edge of a crossing to where a vehicle's bumper may be
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One lane. `rank` orders who goes first into a junction; `gate` names the lights that guard its start."""
+
+    path: Path
+    junction: bool = False
+    rank: int = 0
+    gate: Group | None = None
+    limit_mps: float = math.inf
+    left: str | None = None  # the lane beside it that starts and ends beside it, to change to
+    right: str | None = None
+    level_m: float = 0.0  # height of its surface
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A zebra crossing from kerb to kerb. People walk while the lights `gate` are red; without lights at any time."""
+
+    start: Point
+    end: Point
+    width_m: float
+    gate: Group | None = None
+    level_m: float = 0.0
+
+    @property
+    def length_m(self) -> float:
+        return math.dist(self.start, self.end)
+
+
+@dataclass(frozen=True)
+class Bay:
+    """A place to park: alongside the lane `lane` at arc length `s_m`, `left_m` to its left (negative: right), or, with
+    its own `pose` (x, y, heading), anywhere."""
+
+    lane: str
+    s_m: float
+    left_m: float
+    pose: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """Where one lane comes too close to another: arc lengths [start, end] on each."""
+
+    other: str
+    here: tuple[float, float]
+    there: tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Network:
-    """Lanes by name, and for each route "from-to" the names of its approach, connector and exit."""
+    """Lanes by name; routes by "from-to/lane" as names of lanes in order. Lane 0 is the rightmost."""
 
-    lanes: dict[str, Path]
-    routes: dict[str, tuple[str, str, str]]
+    lanes: dict[str, Lane]
+    routes: dict[str, tuple[str, ...]]
+    crossings: tuple[Crossing, ...] = ()
+    bays: tuple[Bay, ...] = ()
+    walks: tuple[Path, ...] = ()  # along the pavements
+    entries: dict[str, tuple[str, ...]] = field(default_factory=dict)  # where traffic flows in: routes by first lane
 
     def route_path(self, route: str) -> Path:
-        return Path(tuple(piece for name in self.routes[route] for piece in self.lanes[name].pieces))
+        return Path(tuple(piece for name in self.routes[self.full(route)] for piece in self.lanes[name].path.pieces))
+
+    def full(self, route: str) -> str:
+        """The route's name with its lane: "west-east" is "west-east/0", or the only lane it has."""
+        if route in self.routes:
+            return route
+        return next(name for name in self.routes if name.split("/")[0] == route)
 
     def stop_line_m(self, route: str) -> float:
-        """Arc length of the stop line along the route."""
-        return self.lanes[self.routes[route][0]].length_m
+        """Arc length of the first stop line along the route: the start of its first junction lane, or 0 without."""
+        at = 0.0
+        for name in self.routes[self.full(route)]:
+            if self.lanes[name].junction:
+                return at
+            at += self.lanes[name].path.length_m
+        return 0.0
+
+    @cached_property
+    def conflicts(self) -> dict[str, tuple[Conflict, ...]]:
+        """For each junction lane, the junction lanes that it must not share the road with. Lanes that only part from
+        the same lane are none: the follower there follows."""
+        names = [name for name, lane in self.lanes.items() if lane.junction]
+        samples = {name: self._samples(name) for name in names}
+        starts = {name: self.lanes[name].path.points(np.array(0.0)) for name in names}
+        found: dict[str, list[Conflict]] = {name: [] for name in names}
+        for i, a in enumerate(names):
+            for b in names[i + 1 :]:
+                together = np.hypot(*(starts[a] - starts[b])) < 0.1
+                if together or self.lanes[a].level_m != self.lanes[b].level_m:
+                    continue
+                spans = _too_close(*samples[a], *samples[b])
+                if spans is not None:
+                    found[a].append(Conflict(b, spans[0], spans[1]))
+                    found[b].append(Conflict(a, spans[1], spans[0]))
+        return {name: tuple(conflicts) for name, conflicts in found.items()}
+
+    @cached_property
+    def partings(self) -> dict[str, tuple[tuple[str, float], ...]]:
+        """For each junction lane, the others that start where it does, and up to which arc length they are close."""
+        names = [name for name, lane in self.lanes.items() if lane.junction]
+        samples = {name: self._samples(name) for name in names}
+        found: dict[str, list[tuple[str, float]]] = {name: [] for name in names}
+        for a in names:
+            for b in names:
+                if a == b or np.hypot(*(samples[a][1][0] - samples[b][1][0])) > 0.1:
+                    continue
+                count = min(len(samples[a][0]), len(samples[b][0]))
+                near = np.hypot(*(samples[a][1][:count] - samples[b][1][:count]).T) < CLEAR_M
+                found[a].append((b, float(samples[a][0][np.flatnonzero(near)[-1]])))
+        return {name: tuple(pairs) for name, pairs in found.items()}
+
+    @cached_property
+    def walked(self) -> dict[str, tuple[tuple[int, float, float], ...]]:
+        """For each lane, the crossings over it: (index of the crossing, start, end) in arc length."""
+        found: dict[str, tuple[tuple[int, float, float], ...]] = {}
+        for name in self.lanes:
+            s, points = self._samples(name)
+            spans = []
+            for index, crossing in enumerate(self.crossings):
+                if crossing.level_m != self.lanes[name].level_m:
+                    continue
+                ax, ay = crossing.start
+                ux, uy = (crossing.end[0] - ax) / crossing.length_m, (crossing.end[1] - ay) / crossing.length_m
+                along = (points[:, 0] - ax) * ux + (points[:, 1] - ay) * uy
+                across = -(points[:, 0] - ax) * uy + (points[:, 1] - ay) * ux
+                on = (along > -0.5) & (along < crossing.length_m + 0.5)
+                on &= np.abs(across) < 0.5 * crossing.width_m + WALKER_M
+                if on.any():
+                    spans.append((index, float(s[on][0]), float(s[on][-1])))
+            found[name] = tuple(spans)
+        return found
+
+    def _samples(self, name: str) -> tuple[Array, Array]:
+        path = self.lanes[name].path
+        s = np.linspace(0, path.length_m, max(2, math.ceil(path.length_m / SAMPLE_M) + 1))
+        return s, path.points(s)
 
 
-def half_width(street: Street) -> float:
-    """From the middle of the carriageway to the kerb, metres."""
-    return street.lane_width_m + street.parking_width_m
-
-
-def junction_radius(street: Street) -> float:
-    """From the centre of the crossing to where the kerbs are straight again, metres."""
-    return half_width(street) + street.corner_radius_m
-
-
-def stop_distance(street: Street) -> float:
-    """From the centre of the crossing to the stop lines, metres."""
-    return junction_radius(street) + CROSSING_SETBACK_M + CROSSING_WIDTH_M + STOP_SETBACK_M
-
-
-def crossroads(street: Street) -> Network:
-    """Four arms, one lane each way, all twelve movements."""
-    offset = 0.5 * street.lane_width_m
-    stop, edge = stop_distance(street), junction_radius(street)
-    lanes: dict[str, Path] = {}
-    routes: dict[str, tuple[str, str, str]] = {}
-
-    def inbound(arm: str, distance: float) -> tuple[float, float]:
-        dx, dy = ARMS[arm]
-        return dx * distance - dy * offset, dy * distance + dx * offset
-
-    def outbound(arm: str, distance: float) -> tuple[float, float]:
-        dx, dy = ARMS[arm]
-        return dx * distance + dy * offset, dy * distance - dx * offset
-
-    for arm in ARMS:
-        lanes[f"{arm}-in"] = Path((line(inbound(arm, street.arm_m), inbound(arm, stop)),))
-        lanes[f"{arm}-out"] = Path((line(outbound(arm, stop), outbound(arm, street.arm_m)),))
-    for source, (sx, sy) in ARMS.items():
-        for target, (tx, ty) in ARMS.items():
-            if source == target:
-                continue
-            turn = sx * -ty - sy * -tx  # sine of the angle from travel direction -s to t: 1 left, -1 right, 0 straight
-            start, end = inbound(source, stop), outbound(target, stop)
-            if turn == 0:
-                pieces: tuple[Piece, ...] = (line(start, end),)
-            else:
-                # Tangent to both lanes; the inner kerb's centre for right turns.
-                radius = edge - offset if turn < 0 else edge
-                reach = radius + turn * -offset  # from the arc's ends to the centre line of the crossing street
-                first = line(start, inbound(source, reach))
-                arc = Piece(first.end, first.heading, turn / radius, 0.5 * math.pi * radius)
-                pieces = (first, arc, line(arc.end, end))
-            lanes[f"{source}-{target}"] = Path(pieces)
-            routes[f"{source}-{target}"] = (f"{source}-in", f"{source}-{target}", f"{target}-out")
-    return Network(lanes, routes)
-
-
-def joints(path: Path) -> np.ndarray:
-    """Gaps between successive pieces: [pieces - 1, 2] of metres and radians (wrapped). All zero for a sound path."""
-    gaps = []
-    for before, after in itertools.pairwise(path.pieces):
-        turn = math.remainder(after.heading - before.end_heading, 2 * math.pi)
-        gaps.append((math.dist(before.end, after.start), turn))
-    return np.array(gaps).reshape(-1, 2)
+def _too_close(s: Array, p: Array, t: Array, q: Array) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """The spans of two sampled curves that are nearer to each other than `CLEAR_M`."""
+    gaps = np.hypot(p[:, None, 0] - q[None, :, 0], p[:, None, 1] - q[None, :, 1]) < CLEAR_M
+    if not gaps.any():
+        return None
+    here, there = s[gaps.any(axis=1)], t[gaps.any(axis=0)]
+    return (float(here[0]), float(here[-1])), (float(there[0]), float(there[-1]))

@@ -6,8 +6,10 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from model_files import make_model, write_model
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -56,3 +58,22 @@ def extension(extension_zip: Path) -> Iterator[str]:
         assert not hasattr(bpy.types.Object, "aa4d")
         assert not [f for f in bpy.app.handlers.frame_change_pre if f.__module__.startswith(module)]
         bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+@pytest.fixture
+def bpy(extension: str) -> Any:
+    """Blender with the extension and an empty file."""
+    import addon_utils
+    import bpy
+
+    assert addon_utils.check(extension) == (True, True)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    return bpy
+
+
+@pytest.fixture
+def model_path(tmp_path: Path) -> Path:
+    """A small model of five frames, in a folder called crossing."""
+    folder = tmp_path / "crossing"
+    folder.mkdir()
+    return write_model(folder / "model.safetensors", *make_model(60, 5))

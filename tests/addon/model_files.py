@@ -11,7 +11,13 @@ PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
 
 
 def make_model(
-    anchors: int = 200, frames: int = 5, seed: int = 0, *, stage: str = "fine", dlgd: bool = True
+    anchors: int = 200,
+    frames: int = 5,
+    seed: int = 0,
+    *,
+    stage: str = "fine",
+    dlgd: bool = True,
+    aggregation: str = "acfa",
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Random tensors with visible motion, and the metadata of a flight around them."""
     random = np.random.default_rng(seed)
@@ -46,8 +52,11 @@ def make_model(
         steps = random.uniform(0.3, 1.0, (3, B))
         boundaries = np.concatenate([np.zeros((3, 1)), np.cumsum(steps, axis=1)], axis=1)
         tensors["warp.boundaries"] = (2 * boundaries / boundaries[:, -1:] - 1).astype(np.float32)
-        tensors["anchors.embedding_acfa"] = normal(anchors, E)
-        network("acfa", 6 * C, E + 1, 24)
+        if aggregation in ("acfa", "anchor_only"):
+            tensors["anchors.embedding_acfa"] = normal(anchors, E)
+        conditions = {"acfa": E + 1, "anchor_only": E, "time_only": 1}
+        if aggregation in conditions:
+            network("acfa", 6 * C, conditions[aggregation], 24)
         layer("encoder", 20, L * C)
         network("head_position", 3, 20, 16, 0.3)
         network("head_feature", F, 20, 16)
@@ -71,7 +80,7 @@ def make_model(
             "plane_dim": C,
             "levels": L,
             "bins": B,
-            "aggregation": "acfa",
+            "aggregation": aggregation,
             "dlgd": dlgd,
             "dacw": True,
         },

@@ -57,13 +57,19 @@ def evaluate(
             u = np.clip(2 * (x - lower) / (upper - lower) - 1, -1, 1)
             query = {axis: warp(u[a], tensors["warp.boundaries"][a].astype(np.float64)) for a, axis in enumerate("xyz")}
             query["t"] = 2 * t - 1
-            scores = mlp(tensors, "acfa", np.append(tensors["anchors.embedding_acfa"][i], t)).reshape(6, C)
-            weights = np.exp(scores) / np.exp(scores).sum(axis=0)
+            aggregation = config.get("aggregation", "acfa")
+            weights = np.full((6, C), 1 / 6)
+            if aggregation in ("acfa", "anchor_only", "time_only"):
+                seen = np.empty(0) if aggregation == "time_only" else tensors["anchors.embedding_acfa"][i]
+                seen = seen if aggregation == "anchor_only" else np.append(seen, t)
+                scores = mlp(tensors, "acfa", seen).reshape(6, C)
+                weights = np.exp(scores) / np.exp(scores).sum(axis=0)
             levels = []
             for level in range(config["levels"]):
                 planes = [tensors[f"field.planes.{level}.{p}"].astype(np.float64) for p in PLANES]
                 samples = [bilinear(plane, query[p[0]], query[p[1]]) for p, plane in zip(PLANES, planes, strict=True)]
-                levels.append((weights * np.array(samples)).sum(axis=0))
+                product = aggregation == "product"
+                levels.append(np.prod(samples, axis=0) if product else (weights * np.array(samples)).sum(axis=0))
             z = np.maximum(linear(tensors, "encoder", np.concatenate(levels)), 0)
             x = x + mlp(tensors, "head_position", z)
             f = f + mlp(tensors, "head_feature", z)

@@ -11,64 +11,11 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 from bad_model_files import BAD_FILES
+from driving import attribute, go_to, imported, played, set_input, srgb
 from model_files import make_model, write_model
 from slow_reference import evaluate
 
 FRAMES = 5
-
-
-@pytest.fixture
-def bpy(extension: str) -> Any:
-    """Blender with the extension and an empty file."""
-    import addon_utils
-    import bpy
-
-    assert addon_utils.check(extension) == (True, True)
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    return bpy
-
-
-@pytest.fixture
-def model_path(tmp_path: Path) -> Path:
-    folder = tmp_path / "crossing"
-    folder.mkdir()
-    return write_model(folder / "model.safetensors", *make_model(60, FRAMES))
-
-
-def imported(bpy: Any, path: Path, **options: Any) -> Any:
-    """Import through the operator; the new points, active."""
-    assert bpy.ops.aa4d.import_model(filepath=str(path), **options) == {"FINISHED"}
-    return bpy.context.active_object
-
-
-def go_to(bpy: Any, frame: float) -> None:
-    bpy.context.scene.frame_set(int(frame), subframe=frame - int(frame))
-
-
-def attribute(data: Any, name: str) -> np.ndarray:
-    layer = data.attributes[name]
-    field, width = {
-        "FLOAT": ("value", 1),
-        "INT": ("value", 1),
-        "FLOAT_VECTOR": ("vector", 3),
-        "FLOAT_COLOR": ("color", 4),
-        "QUATERNION": ("value", 4),
-    }[layer.data_type]
-    values = np.empty(len(layer.data) * width, np.int32 if layer.data_type == "INT" else np.float32)
-    layer.data.foreach_get(field, values)
-    return values.reshape(-1, width) if width > 1 else values
-
-
-def played(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
-    """What the timeline makes of the points, baked or live, before the look turns them into something to draw."""
-    obj.modifiers["AdaAnchor4D"].show_viewport = False
-    data = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    names = ("position", "aa_color", "aa_opacity", "aa_radius", "aa_scale", "aa_rotation")
-    return {name: attribute(data, name) for name in names if name in data.attributes}
-
-
-def srgb(linear: np.ndarray) -> np.ndarray:
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
 
 
 def expected_at(frame: float) -> dict[str, np.ndarray]:
@@ -111,20 +58,37 @@ def test_panel_shows_the_active_object(bpy: Any, extension: str, model_path: Pat
     layout = MagicMock()
     draw(SimpleNamespace(layout=layout), bpy.context)
     layout.operator.assert_called_once()
-    obj = imported(bpy, model_path)
+    imported(bpy, model_path)
     draw(SimpleNamespace(layout=layout), bpy.context)
     column = layout.column.return_value
     labels = [call.kwargs["text"] for call in column.label.call_args_list]
-    assert labels[0] == "60 anchors"
+    assert labels[0] == "60 Anchors"
     assert labels[1].startswith("Live: ")
-    for call in layout.prop.call_args_list:
-        owner, path = call.args
-        assert (owner.path_resolve(path) if path.startswith("[") else getattr(owner, path)) is not None
-    assert [call.kwargs["text"] for call in layout.prop.call_args_list] == ["Radius Factor", "Minimum Opacity"]
-    obj.modifiers.clear()
-    bpy.ops.aa4d.bake()
+    assert bpy.ops.aa4d.bake() == {"FINISHED"}
     draw(SimpleNamespace(layout=layout), bpy.context)
     assert column.label.call_args.kwargs["text"] == "Baked"
+
+
+@pytest.mark.parametrize("look", ["Points", "Discs", "Gaussians"])
+@pytest.mark.parametrize("shown", ["Trained Colour", "Plane Weight", "Speed", "Activity"])
+def test_panels_draw_properties_that_exist(bpy: Any, extension: str, model_path: Path, look: str, shown: str) -> None:
+    panel = importlib.import_module(f"{extension}.panel")
+    obj = imported(bpy, model_path, look=look)
+    set_input(extension, obj, "AdaAnchor4D", "Colour By", shown)
+    drawn = []
+    for cls in (panel.TimePanel, panel.LookPanel, panel.InspectionPanel, panel.OutputPanel):
+        layout = MagicMock()
+        layout.column.return_value = layout.box.return_value = layout.row.return_value = layout
+        stand_in = SimpleNamespace(layout=layout)
+        stand_in.draw_legend = lambda *given: panel.InspectionPanel.draw_legend(None, *given)
+        assert cls.poll(bpy.context)
+        cls.draw(stand_in, bpy.context)
+        for call in layout.prop.call_args_list:
+            owner, path = call.args
+            assert (owner.path_resolve(path) if path.startswith("[") else getattr(owner, path)) is not None
+            drawn.append(call.kwargs.get("text"))
+    assert {"Start Frame", "Look", "Colour By", "Trail", "Cast Shadows"} <= set(drawn)
+    assert ("Low" in drawn or "Low (m/s)" in drawn) == (shown in ("Plane Weight", "Speed"))
 
 
 @pytest.mark.parametrize("frame", [1.0, 2.0, 2.5, 4.5, 5.0])
@@ -151,9 +115,11 @@ def test_draws_what_is_opaque_enough(bpy: Any, model_path: Path) -> None:
     geometry = anchors.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
     cloud = geometry.pointcloud
     opacity = attribute(anchors.data, "aa_opacity")
-    np.testing.assert_array_equal(attribute(cloud, "aa_id"), np.flatnonzero(opacity >= 0.05))
-    np.testing.assert_allclose(attribute(cloud, "radius"), attribute(anchors.data, "aa_radius")[opacity >= 0.05])
-    gaussians = imported(bpy, model_path, carrier="GAUSSIANS")
+    np.testing.assert_array_equal(attribute(cloud, "aa_id"), np.arange(60))
+    radius = np.where(opacity >= 0.05, attribute(anchors.data, "aa_radius"), 0)
+    assert 0 < (radius == 0).sum() < 60
+    np.testing.assert_allclose(attribute(cloud, "radius"), radius)
+    gaussians = imported(bpy, model_path, carrier="GAUSSIANS", look="Gaussians")
     centers, sizes = [], []
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
         if instance.is_instance and instance.parent.original == gaussians:
@@ -162,7 +128,7 @@ def test_draws_what_is_opaque_enough(bpy: Any, model_path: Path) -> None:
     drawn = attribute(gaussians.data, "aa_opacity") >= 0.05
     assert 0 < drawn.sum() < len(drawn)
     np.testing.assert_allclose(centers, attribute(gaussians.data, "position")[drawn], atol=1e-4)
-    np.testing.assert_allclose(sizes, 3 * attribute(gaussians.data, "aa_scale")[drawn], rtol=1e-3)
+    np.testing.assert_allclose(sizes, attribute(gaussians.data, "aa_scale")[drawn], rtol=1e-3)
 
 
 def test_timeline_is_the_clip_and_holds_outside_it(bpy: Any, model_path: Path) -> None:
@@ -289,7 +255,7 @@ def test_smaller_model_under_the_same_name_is_refused(bpy: Any, model_path: Path
     capfd.readouterr()
     go_to(bpy, 3)
     output = "".join(capfd.readouterr())
-    assert "import it again" in output
+    assert "use Relink" in output
     assert "Traceback" not in output
 
 
@@ -315,7 +281,8 @@ def test_undo_of_a_bake_plays_live_again(bpy: Any, model_path: Path) -> None:
     bpy.ops.ed.undo()
     obj = bpy.data.objects[name]
     assert obj.aa4d.playback == "LIVE"
-    assert list(obj.modifiers.keys()) == ["AdaAnchor4D"]
+    assert list(obj.modifiers.keys()) == ["AdaAnchor4D Time", "AdaAnchor4D"]
+    assert obj.modifiers[0].node_group.name.startswith("AdaAnchor4D Live")
     for frame in (4, 2):
         go_to(bpy, frame)
         np.testing.assert_allclose(attribute(obj.data, "position"), expected_at(frame)["anchors"], atol=1e-3)

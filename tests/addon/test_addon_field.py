@@ -8,7 +8,16 @@ from model_files import make_model, write_model
 from slow_reference import evaluate
 
 from addon import carriers, names
-from addon.field import CHUNK, anchor_state, local_gaussians, prepare, to_world
+from addon.field import (
+    CHUNK,
+    anchor_appearance,
+    anchor_positions,
+    anchor_state,
+    local_gaussians,
+    plane_weights,
+    prepare,
+    to_world,
+)
 from addon.model import read_model
 
 FRAMES = 5
@@ -33,6 +42,35 @@ def test_evaluation_agrees_with_the_specification(t: float, stage: str, dlgd: bo
     assert np.abs(gaussians.colors - expected["colors"]).max() < 1e-5
     assert np.abs(gaussians.opacities - expected["opacities"]).max() < 1e-5
     assert np.abs(gaussians.quaternions - expected["quaternions"]).max() < 1e-5
+
+
+@pytest.mark.parametrize("aggregation", ["acfa", "anchor_only", "time_only", "mean", "product", None])
+def test_every_aggregation_agrees_with_the_specification(aggregation: str | None, tmp_path: Path) -> None:
+    tensors, information = make_model(40, FRAMES, aggregation=aggregation or "acfa")
+    if aggregation is None:  # an older file does not say
+        for switch in ("aggregation", "dlgd", "dacw"):
+            del information["config"][switch]
+    model = read_model(write_model(tmp_path / "model.safetensors", tensors, information))
+    field = prepare(model)
+    for t in (0.0, 0.37, 1.0):
+        expected = evaluate(tensors, {**information, "config": {"dlgd": True, **information["config"]}}, t, np.ones(3))
+        extent = np.ptp(expected["anchors"], axis=0).max()
+        assert np.abs(to_world(model, anchor_state(field, t).positions) - expected["anchors"]).max() < 1e-5 * extent
+        assert np.array_equal(anchor_positions(field, t), anchor_state(field, t).positions)
+        np.testing.assert_allclose(plane_weights(field, t).sum(axis=1), 1, atol=1e-5)
+
+
+def test_appearance_of_an_anchor_is_that_of_its_gaussians(tmp_path: Path) -> None:
+    model = read_model(write_model(tmp_path / "model.safetensors", *make_model(40)))
+    field = prepare(model)
+    center = np.array([3.0, -40.0, 17.0])
+    state = anchor_state(field, 0.3)
+    colors, opacities, reach = anchor_appearance(field, anchor_state(field, 0.3, offsets=False), center)
+    gaussians = local_gaussians(field, state, center)
+    np.testing.assert_allclose(colors, gaussians.colors, atol=1e-6)
+    np.testing.assert_allclose(opacities, gaussians.opacities, atol=1e-6)
+    ordered = np.sort(gaussians.scales, axis=2)
+    np.testing.assert_allclose(reach, np.sqrt(ordered[..., 1] * ordered[..., 2]), rtol=1e-5)
 
 
 def test_anchors_move_visibly(tmp_path: Path) -> None:
@@ -69,7 +107,8 @@ def test_clip_of_one_frame_has_time_zero(tmp_path: Path) -> None:
 def test_anchor_summary_weighs_by_opacity(tmp_path: Path) -> None:
     tensors, information = make_model(40)
     model = read_model(write_model(tmp_path / "model.safetensors", tensors, information))
-    values = carriers.evaluate(prepare(model), names.ANCHORS, 0.5)
+    wanted = (*names.SHAPE, *names.INSPECTION)
+    values = carriers.evaluate(prepare(model), names.ANCHORS, 0.5, model.camera_center_at(0.5), wanted)
     expected = evaluate(tensors, information, 0.5, model.camera_center_at(0.5))
     opacity = np.maximum(expected["opacities"], 0)
     np.testing.assert_allclose(values[names.OPACITY], opacity.max(axis=1), atol=1e-5)

@@ -89,3 +89,23 @@ def test_foreign_extension_is_refused_in_one_line(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stderr.strip() == f"{model} is not the extension; build it with addon/build_extension.py."
     assert list(tmp_path.iterdir()) == [model]
+
+
+def test_drives_a_car_through_the_scene(extension: str, extension_zip: Path, tmp_path: Path) -> None:
+    import bpy
+
+    assert extension
+    model = write_model(tmp_path / "model.safetensors", *make_model(300))
+    blend = tmp_path / "flyover.blend"
+    done = run(model, "--extension", extension_zip, "--out", blend, "--car", -4, 2.5, 12, 2.5)
+    assert done.returncode == 0, done.stderr
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    scene, car = bpy.context.scene, bpy.data.objects["CG Car"]
+    for frame, x in ((1, -4), (3, 4), (5, 12)):
+        scene.frame_set(frame)
+        np.testing.assert_allclose(car.matrix_world.translation[:2], (x, 2.5), atol=1e-4)
+    assert len(car.children) == 6
+    assert [obj.name for obj in scene.objects if obj.type == "LIGHT"] == ["AdaAnchor4D Sun"]
+    points = next(obj for obj in bpy.data.objects if obj.type == "MESH" and obj.aa4d.filepath)
+    assert points.visible_shadow
+    assert not points.is_holdout

@@ -83,9 +83,15 @@ def state_with_moments(n: int) -> TrainingState:
 def test_new_anchors_inherit_from_their_parents_and_moments_follow_their_rows() -> None:
     state = state_with_moments(5)
     before = {k: v.clone() for k, v in state.model.anchors.state_dict().items()}
+    before["log_scale"][1:, 3:] = 7.0
+    state.model.anchors.log_scale.data[1:, 3:] = 7.0
+    owned = ("feature", "offset", "log_scale", *EMBEDDINGS)
     moments = {
-        k: state.optimiser.state[getattr(state.model.anchors, k)]["exp_avg"].clone() for k in ("feature", "offset")
+        (k, moment): state.optimiser.state[getattr(state.model.anchors, k)][moment].clone()
+        for k in owned
+        for moment in ("exp_avg", "exp_avg_sq")
     }
+    shared = {p: dict(s) for p, s in state.optimiser.state.items() if len(p) != 5}
     keep = torch.tensor([True, False, True, True, True])
     growth = Growth(torch.ones(2, 3), torch.tensor([0.1, 0.4]), torch.tensor([4, 0]))
     change_anchors(state, keep, growth)
@@ -96,10 +102,15 @@ def test_new_anchors_inherit_from_their_parents_and_moments_follow_their_rows() 
         assert torch.equal(getattr(after, name)[4:], before[name][[4, 0]])
     assert torch.count_nonzero(after.offset[4:]) == 0
     assert after.log_scale[4:, 0].tolist() == pytest.approx([math.log(0.1), math.log(0.4)])
-    for name, expected in moments.items():
-        now = state.optimiser.state[getattr(after, name)]["exp_avg"]
+    assert torch.equal(after.log_scale[:4, :3], before["log_scale"][keep][:, :3])
+    assert after.log_scale[:4, 3:].max().item() == pytest.approx(0.05)
+    for (name, moment), expected in moments.items():
+        now = state.optimiser.state[getattr(after, name)][moment]
         assert torch.equal(now[:4], expected[keep])
         assert torch.count_nonzero(now[4:]) == 0
+        assert state.optimiser.state[getattr(after, name)]["step"].item() == 1
+    for parameter, kept_state in shared.items():
+        assert all(state.optimiser.state[parameter][key] is value for key, value in kept_state.items())
     in_groups = {id(p) for group in state.optimiser.param_groups for p in group["params"]}
     assert {id(p) for p in state.model.parameters()} == in_groups
 

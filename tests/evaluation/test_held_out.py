@@ -16,27 +16,15 @@ from aa4d.evaluation.activity import PooledError, activity_labels
 from aa4d.evaluation.evaluate import Metrics, evaluate
 from aa4d.evaluation.image_metrics import psnr
 from aa4d.model_file import read_tensors
-from aa4d.training.config import PRESETS, Densification, TrainingConfig
 from aa4d.training.trainer import train
-from tests.toy_capture import HEIGHT, WIDTH, write_toy_capture
+from tests.toy_capture import HEIGHT, WIDTH
+from tests.toy_run import BRIEF, silent
 
-BRIEF = TrainingConfig(
-    preset="test",
-    coarse_iterations=20,
-    fine_iterations=20,
-    voxel_px=3.0,
-    rates=PRESETS["quick"].rates,
-    densification=Densification(statistics_from=2, start=5, interval=5, until=15, voxel_factor=4),
-)
 SCORES = {
     "psnr", "ssim", "lpips", "psnr_dynamic", "psnr_still", "psnr_static", "psnr_dynamic_static", "psnr_activity",
     "psnr_activity_static", "activity_share", "frames",
 }  # fmt: skip
 CLOCK = {"fps", "training_seconds"}
-
-
-def silent(*_: object) -> None:
-    pass
 
 
 @pytest.fixture(autouse=True)
@@ -45,12 +33,12 @@ def no_weights(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("AA4D_WEIGHTS", str(tmp_path / "weights"))
 
 
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    folder = tmp_path_factory.mktemp("held_out")
-    capture = write_toy_capture(folder / "capture")
-    train(read_capture(capture), folder / "run", BRIEF, silent)
-    return capture, folder / "run"
+@pytest.fixture
+def trained(toy_run: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """The capture, and a copy of the run to write into."""
+    run = tmp_path / "trained/run"
+    shutil.copytree(toy_run, run)
+    return toy_run.parent / "capture", run
 
 
 def alter_held_out(capture: Path) -> None:

@@ -1,13 +1,17 @@
 """Planes, ACFA and DLGD against slow float64 transcriptions of the paper's equations."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
 
 from aa4d.errors import InputError
-from aa4d.field.aggregation import AGGREGATIONS, Aggregation, Weighted, make_aggregation
+from aa4d.field.aggregation import AGGREGATIONS, Aggregation, Predicted, Weighted, make_aggregation
 from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
-from aa4d.field.planes import AXES, PLANES, FeaturePlanes, interpolate, regularisation, smoothness
+from aa4d.field.planes import FeaturePlanes, regularisation
+from aa4d.kernels.plane_lookup import AXES, PLANES, interpolate, look_up
+from aa4d.kernels.plane_penalty import plane_penalty
 
 
 @pytest.fixture
@@ -21,18 +25,28 @@ def field() -> FeaturePlanes:
 
 
 def bilinear(plane: np.ndarray, x: float, y: float) -> np.ndarray:
-    """One query, texel by texel: plane [C, R2, R1], x along R1."""
-    column, row = ((c + 1) / 2 * (n - 1) for c, n in ((x, plane.shape[2]), (y, plane.shape[1])))
-    c0, r0 = min(int(column), plane.shape[2] - 2), min(int(row), plane.shape[1] - 2)
+    """One query, texel by texel: plane [R2, R1, C], x along R1."""
+    column, row = ((c + 1) / 2 * (n - 1) for c, n in ((x, plane.shape[1]), (y, plane.shape[0])))
+    c0, r0 = min(int(column), plane.shape[1] - 2), min(int(row), plane.shape[0] - 2)
     a, b = column - c0, row - r0
-    top = (1 - a) * plane[:, r0, c0] + a * plane[:, r0, c0 + 1]
-    return (1 - b) * top + b * ((1 - a) * plane[:, r0 + 1, c0] + a * plane[:, r0 + 1, c0 + 1])
+    top = (1 - a) * plane[r0, c0] + a * plane[r0, c0 + 1]
+    return (1 - b) * top + b * ((1 - a) * plane[r0 + 1, c0] + a * plane[r0 + 1, c0 + 1])
+
+
+def plane_features(field: FeaturePlanes, u: torch.Tensor, t: float) -> torch.Tensor:
+    """g_p^(l) [L, N, 6, C]: what a sum with all its weight on one plane returns."""
+    features = []
+    for p in range(6):
+        scores = u.new_full((len(u), 6, field.channels), -torch.inf)
+        scores[:, p] = 0
+        features.append(look_up(field.in_order(), u, t, scores).unflatten(1, (field.levels, -1)))
+    return torch.stack(features, dim=2).transpose(0, 1)
 
 
 @pytest.mark.parametrize("t", [0.0, 0.37, 1.0])
 def test_planes_agree_with_a_loop_over_texels(field: FeaturePlanes, t: float) -> None:
     u = torch.rand(7, 3, dtype=torch.float64) * 2 - 1
-    features = field(u, t).detach().numpy()
+    features = plane_features(field, u, t).detach().numpy()
     assert features.shape == (2, 7, 6, 3)
     for level, planes in enumerate(field.by_level()):
         for n in range(7):
@@ -45,14 +59,14 @@ def test_planes_agree_with_a_loop_over_texels(field: FeaturePlanes, t: float) ->
 def test_time_zero_and_one_reach_the_first_and_last_row(field: FeaturePlanes) -> None:
     u = torch.full((1, 3), -1.0, dtype=torch.float64)
     plane = field.by_level()[0]["xt"]
-    assert torch.equal(field(u, 0.0)[0, 0, 3], plane[:, 0, 0])
-    assert torch.equal(field(u, 1.0)[0, 0, 3], plane[:, -1, 0])
+    assert torch.equal(plane_features(field, u, 0.0)[0, 0, 3], plane[0, 0])
+    assert torch.equal(plane_features(field, u, 1.0)[0, 0, 3], plane[-1, 0])
 
 
 def test_outside_the_box_the_border_holds(field: FeaturePlanes) -> None:
     plane = field.by_level()[0]["xy"]
     far = interpolate(plane, torch.tensor([[7.0, -9.0]], dtype=torch.float64))
-    assert torch.equal(far[0], plane[:, 0, -1])
+    assert torch.equal(far[0], plane[0, -1])
     assert field.normalise(torch.tensor([[5.0, -5.0, 0.0]], dtype=torch.float64)).tolist() == [[1.0, -1.0, 0.0]]
 
 
@@ -65,23 +79,24 @@ def test_a_flat_box_divides_by_nothing(field: FeaturePlanes) -> None:
 def test_planes_start_constant_in_time() -> None:
     field = FeaturePlanes(4, (8,), 6)
     u = torch.rand(5, 3) * 2 - 1
-    torch.testing.assert_close(field(u, 0.0), field(u, 0.8))
+    torch.testing.assert_close(plane_features(field, u, 0.0), plane_features(field, u, 0.8))
     assert regularisation(field, 0.0, 1.0, 1.0).item() == 0.0
 
 
-def test_smoothness_is_the_second_difference_along_rows() -> None:
-    rows = torch.tensor([0.0, 1.0, 4.0])[None, :, None].expand(2, 3, 5)
-    assert float(smoothness(rows)) == pytest.approx(4.0)
-    assert float(smoothness(rows[:, :2])) == 0.0
+def test_the_penalty_is_the_second_difference_along_rows_and_the_distance_from_one() -> None:
+    rows = torch.tensor([0.0, 1.0, 4.0])[:, None, None].expand(3, 5, 2)
+    assert plane_penalty([rows], [1.0], [0.0]).item() == pytest.approx(4.0)
+    assert plane_penalty([rows[:2]], [1.0], [0.0]).item() == 0.0
+    assert plane_penalty([rows], [0.0], [1.0]).item() == pytest.approx(4 / 3)
 
 
 WEIGHTED = ("acfa", "anchor_only", "time_only")
 
 
-def weighted(name: str, embedding_dim: int, hidden: int, channels: int) -> Weighted:
+def weighted(name: str, embedding_dim: int, hidden: int, channels: int) -> Predicted:
     """A strategy with weights whose output layer has left zero, float64."""
     aggregation = make_aggregation(name, embedding_dim, hidden, channels)
-    assert isinstance(aggregation, Weighted)
+    assert isinstance(aggregation, Predicted)
     torch.nn.init.normal_(aggregation.predictor.output.weight)
     return aggregation.double()
 
@@ -95,11 +110,16 @@ def test_weights_start_at_one_sixth(name: str) -> None:
     assert torch.equal(weights, torch.full_like(weights, 1 / 6))
 
 
-def test_acfa_agrees_with_the_paper_in_loops() -> None:
+def queries(count: int) -> torch.Tensor:
+    return torch.rand(count, 3, dtype=torch.float64) * 1.8 - 0.9
+
+
+def test_acfa_agrees_with_the_paper_in_loops(field: FeaturePlanes) -> None:
     torch.manual_seed(1)
     acfa = weighted("acfa", 4, 8, 3)
-    embedding, features, t = torch.randn(5, 4).double(), torch.randn(2, 5, 6, 3).double(), 0.7
-    h = acfa(features, embedding, t).detach().numpy()
+    embedding, u, t = torch.randn(5, 4).double(), queries(5), 0.7
+    features = plane_features(field, u, t)
+    h = acfa(field, u, embedding, t).detach().numpy()
     w1, b1, w2, b2 = (p.detach().numpy() for p in acfa.predictor.parameters())
     for i in range(5):
         z = w2 @ np.maximum(w1 @ np.append(embedding[i].numpy(), t) + b1, 0) + b2
@@ -123,20 +143,22 @@ def test_a_half_conditioned_strategy_ignores_the_other_half(name: str) -> None:
     assert torch.equal(over_anchors[0], over_anchors[1]) == (name == "time_only")
 
 
-def test_mean_and_product_agree_with_loops() -> None:
-    features = torch.rand(2, 5, 6, 3, dtype=torch.float64) + 0.5
-    embedding = torch.empty(5, 4, dtype=torch.float64)
-    for name, rule in (("mean", np.mean), ("product", np.prod)):
-        h = make_aggregation(name, 4, 8, 3)(features, embedding, 0.3)
-        for i, level, c in np.ndindex(5, 2, 3):
-            assert h[i, level * 3 + c].item() == pytest.approx(rule(features[level, i, :, c].numpy()), rel=1e-14)
+@pytest.mark.parametrize(("name", "rule"), [("mean", np.mean), ("product", np.prod)])
+def test_mean_and_product_agree_with_loops(
+    field: FeaturePlanes, name: str, rule: Callable[[np.ndarray], float]
+) -> None:
+    u = queries(5)
+    features = plane_features(field, u, 0.3).detach().numpy()
+    h = make_aggregation(name, 4, 8, 3)(field, u, torch.empty(5, 4, dtype=torch.float64), 0.3)
+    for i, level, c in np.ndindex(5, 2, 3):
+        assert h[i, level * 3 + c].item() == pytest.approx(rule(features[level, i, :, c]), rel=1e-12)
 
 
-def test_every_weighted_strategy_starts_as_the_mean() -> None:
-    features, embedding = torch.rand(2, 5, 6, 3), torch.randn(5, 4)
-    expected = make_aggregation("mean", 4, 8, 3)(features, embedding, 0.3)
+def test_every_weighted_strategy_starts_as_the_mean(field: FeaturePlanes) -> None:
+    field, u, embedding = field.float(), queries(5).float(), torch.randn(5, 4)
+    expected = make_aggregation("mean", 4, 8, 3)(field, u, embedding, 0.3)
     for name in WEIGHTED:
-        torch.testing.assert_close(make_aggregation(name, 4, 8, 3)(features, embedding, 0.3), expected)
+        torch.testing.assert_close(make_aggregation(name, 4, 8, 3)(field, u, embedding, 0.3), expected)
 
 
 def test_an_unknown_aggregation_is_refused_with_the_known_ones() -> None:
@@ -152,7 +174,7 @@ def test_field_gradients_agree_with_finite_differences(field: FeaturePlanes, nam
     embedding = torch.randn(3, 4, dtype=torch.float64, requires_grad=name in ("acfa", "anchor_only"))
 
     def run(u: torch.Tensor, embedding: torch.Tensor, *_: torch.Tensor) -> torch.Tensor:
-        return acfa(field(u, 0.43), embedding, 0.43)
+        return acfa(field, u, embedding, 0.43)
 
     assert torch.autograd.gradcheck(run, (u, embedding, *field.parameters(), *acfa.parameters()), atol=1e-6)
 

@@ -34,6 +34,15 @@ def test_rows_have_what_the_issue_asks_for(tmp_path: Path) -> None:
     assert "200" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
+def test_table_fits_80_columns() -> None:
+    console = Console(file=io.StringIO(), width=80)
+    bench.bench((TINY,), repeats=1, console=console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "backward" in text
+    assert "Gaussians" in text
+    assert "…" not in text
+
+
 def test_pairs_are_the_contributions_of_the_reference() -> None:
     gaussians, cam = random_gaussians(300, 3, size=0.3), camera()
     plain = Gaussians(*(value.float() for value in list(vars(gaussians).values())[:5]))

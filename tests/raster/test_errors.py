@@ -62,9 +62,14 @@ def test_non_finite_camera_is_refused(name: str) -> None:
         ({"means": torch.zeros(3)}, r"means has shape \[3\], expected \[3, 3\]"),
         ({"opacities": torch.zeros(3, 1)}, r"opacities has shape \[3, 1\], expected \[3\]"),
         ({"features": torch.zeros(3, 33)}, r"features has shape \[3, 33\], expected \[3, at most 32\]"),
+        ({"colors": torch.zeros(3, 3, dtype=torch.uint8)}, r"colors is of torch.uint8, expected floating point"),
+        ({"means": torch.zeros(3, 3, dtype=torch.complex64)}, r"means is of torch.complex64, expected floating point"),
+        ({"features": torch.zeros(3, 2).long()}, r"features is of torch.int64, expected floating point"),
+        ({"scales": torch.zeros(3, 3, device="meta")}, r"scales holds no plain array \(.* on meta\)"),
+        ({"colors": torch.zeros(3, 3).to_sparse()}, r"colors holds no plain array \(torch.sparse_coo"),
     ],
 )
-def test_wrong_shape_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_wrong_tensor_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         rasterize(replace(random_gaussians(3), **changes), camera(), background=torch.zeros(3))
 
@@ -73,6 +78,7 @@ def test_wrong_shape_is_refused(changes: dict[str, Any], message: str) -> None:
     ("changes", "message"),
     [
         ({"width": 0}, "the image has 0 x 45 pixels"),
+        ({"height": 1 << 21}, "has 70 x 2097152 pixels, expected 1 to 1048576 along each side"),
         ({"near": 0.0}, "near is 0.0, expected more than 0"),
         ({"K": torch.tensor([[-1.0, 0, 0], [0, 1, 0], [0, 0, 1]])}, "focal lengths -1.0, 1.0"),
         ({"K": torch.tensor([[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]])}, "skew 0.5"),

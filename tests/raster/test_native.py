@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
-from raster_scenes import BACKGROUND, assert_matches_reference, camera, draw, leaves, random_gaussians
+from raster_scenes import BACKGROUND, assert_matches_reference, camera, leaves, random_gaussians, straight_camera
+from raster_scenes import draw as draw_leaves
 
-from aa4d.raster import Gaussians, _native, constants, rasterize
+from aa4d.raster import Gaussians, Options, _native, constants, rasterize
+from aa4d.raster.cutoffs import CUTOFFS
+from aa4d.raster.native import draw
+from aa4d.raster.reference import blend, project
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -35,11 +40,11 @@ def test_any_size_of_image(size: tuple[int, int]) -> None:
 
 def test_extra_outputs_change_nothing_else() -> None:
     gaussians = random_gaussians(300, 2)
-    plain, plain_gradients = draw(gaussians, camera(), "native", torch.ones(45, 70, 4))
+    plain, plain_gradients = draw_leaves(gaussians, camera(), "native", torch.ones(45, 70, 4))
     weights = torch.ones(45, 70, 7)
     weights[..., 4:] = 0
     featured = replace(gaussians, features=random_gaussians(300, 2, features=2).features)
-    full, gradients = draw(featured, camera(), "native", weights, depth=True, absolute_gradient=True)
+    full, gradients = draw_leaves(featured, camera(), "native", weights, depth=True, absolute_gradient=True)
     assert torch.equal(full.color, plain.color)
     assert torch.equal(full.screen_gradient, plain.screen_gradient)
     assert torch.equal(gradients["scales"], plain_gradients["scales"])
@@ -55,7 +60,7 @@ def test_same_bits_for_any_number_of_threads() -> None:
     try:
         for count in (1, 2, 3, 7):
             torch.set_num_threads(count)
-            image, gradients = draw(gaussians, cam, "native", depth=True, absolute_gradient=True)
+            image, gradients = draw_leaves(gaussians, cam, "native", depth=True, absolute_gradient=True)
             results.append([*vars(image).values(), *gradients.values()])
     finally:
         torch.set_num_threads(threads)
@@ -153,3 +158,55 @@ def test_a_forked_process_draws_too(subprocess_python: Any) -> None:
     )
     result = subprocess_python(code)
     assert result.returncode == 0, result.stderr
+
+
+def test_no_contribution_of_any_ellipse_is_lost() -> None:
+    """Large, small, thin and far outside: as many pixels take part as in float64, but for those on the threshold."""
+    generator = torch.Generator().manual_seed(0)
+    for i in range(60):
+        width, height = torch.randint(1, 150, (2,), generator=generator).tolist()
+        scales = 10 ** (4 * torch.rand(1, 3, generator=generator) - 3)
+        if i % 3 == 0:
+            scales[:, 1:] *= 1e-3
+        depth = 1 + 9 * torch.rand(1, 1, generator=generator)
+        sideways = 2 * (torch.rand(1, 2, generator=generator) - 0.5) * depth
+        gaussian = Gaussians(
+            torch.cat([sideways, depth], dim=-1),
+            torch.randn(1, 4, generator=generator),
+            scales * depth,
+            0.02 + 0.98 * torch.rand(1, generator=generator),
+            torch.ones(1, 3),
+        )
+        cam, cutoffs = straight_camera(width, height, focal=float(max(width, height))), CUTOFFS["fast"]
+        frame, _ = draw(gaussian, cam, torch.zeros(3), Options())
+        y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+        pixels = torch.stack([x, y], dim=-1).reshape(-1, 2).double()
+        exact = Gaussians(*(value.double() for value in list(vars(gaussian).values())[:5]))
+        weights, _ = blend(project(exact, cam, False, cutoffs), pixels, cutoffs)
+        certain = int((weights > cutoffs.alpha * 1.0002).sum())
+        assert certain <= frame.count_pairs() <= int((weights > 0).sum()) + 3 + certain // 100
+
+
+def test_several_python_threads_draw_at_once() -> None:
+    gaussians = random_gaussians(100)
+
+    def picture(_: int) -> list[torch.Tensor | None]:
+        inputs = leaves(gaussians, torch.float32)
+        rasterize(inputs, camera(), background=torch.zeros(3)).color.square().sum().backward()
+        return [inputs.means.grad, inputs.scales.grad]
+
+    expected = picture(0)
+    with ThreadPoolExecutor(6) as threads:
+        for result in threads.map(picture, range(60)):
+            assert all(torch.equal(a, b) for a, b in zip(result, expected, strict=True))  # type: ignore[arg-type]
+
+
+def test_only_what_asks_for_a_gradient_gets_one() -> None:
+    everything = leaves(random_gaussians(40), torch.float32)
+    rasterize(everything, camera(), background=torch.zeros(3)).color.square().sum().backward()
+    for name in ("means", "quaternions", "scales", "opacities", "colors"):
+        inputs = Gaussians(**{n: t if t is None else t.float() for n, t in vars(random_gaussians(40)).items()})
+        leaf = getattr(inputs, name).requires_grad_()
+        rasterize(inputs, camera(), background=torch.zeros(3)).color.square().sum().backward()
+        assert torch.equal(leaf.grad, getattr(everything, name).grad)
+        assert sum(t is not None and t.grad is not None for t in vars(inputs).values()) == 1

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from synth.camera import OPENCV_TO_OPENGL, invert_rigid, pixel_centres, project, unproject
-from synth.city.streets import KERB_HEIGHT_M, MARKING_HEIGHT_M
+from synth.city.layout import WORN_HEIGHT_M
+from synth.streets.ground import MARKING_HEIGHT_M, PATCH_HEIGHT_M
+from synth.traffic.network import KERB_HEIGHT_M
 
 Array = NDArray[np.float64]
 
@@ -114,7 +116,7 @@ def test_depth_of_the_road_is_exact(reader: Reader) -> None:
         on_ground = depth * (rays - eye)[..., 2] + eye[2]
         flat = (np.abs(on_ground) < 0.06) & (ids == 0)
         assert flat.sum() > 500
-        known = np.array([0.0, 0.002, 0.003, MARKING_HEIGHT_M])
+        known = np.array([0.0, WORN_HEIGHT_M, PATCH_HEIGHT_M, 0.002, 0.003, MARKING_HEIGHT_M])
         height_error = np.abs(on_ground[flat][:, None] - known).min(axis=1)
         assert np.percentile(height_error, 99) < 5e-4  # metres, seen from 45 metres
         asphalt = flat & (np.abs(on_ground) < 5e-4)

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from synth.develop import png, srgb_from_linear
+from synth.develop import png, read_png, srgb_from_linear
+from synth.workers import shards
 
 SCRIPT = Path(__file__).resolve().parents[2] / "synth" / "render_flyover.py"
 Command = Callable[[Sequence[object]], "subprocess.CompletedProcess[str]"]
@@ -110,6 +111,46 @@ def test_interrupted_render_continues_to_the_same_bytes(
     assert digests(out) == digests(capture)
 
 
+def test_two_workers_write_the_same_bytes(capture: Path, full_capture: Path) -> None:
+    """The tiny scene by one process, and by two with more passes."""
+    for frame in sorted((capture / "frames").iterdir()):
+        assert frame.read_bytes() == (full_capture / "frames" / frame.name).read_bytes()
+    for k in range(6):
+        with np.load(capture / f"truth/{k:06d}.npz") as one, np.load(full_capture / f"truth/{k:06d}.npz") as two:
+            for name in one:
+                np.testing.assert_array_equal(one[name], two[name])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+@needs_bpy
+def test_interrupted_workers_finish_their_frame_and_go_on(
+    capture: Path, flyover: Command, tiny_scene: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, str(SCRIPT), str(tiny_scene), "--out", str(out), "--workers", "3"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 120
+        while not list((out / "frames").glob("*.png")) and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=120)
+    assert process.returncode == 130, stderr
+    assert "Traceback" not in stderr
+    assert not list(out.rglob("*.part"))
+    result = flyover([tiny_scene, "--out", out, "--workers", "2"])
+    assert result.returncode == 0, result.stderr
+    assert digests(out) == digests(capture)
+
+
+def test_shards_keep_neighbours_together() -> None:
+    plan_frames = list(range(100))
+    assert [len(piece) for piece in shards(plan_frames, 1)] == [48, 48, 4]  # type: ignore[arg-type]
+    assert [len(piece) for piece in shards(plan_frames, 4)] == [25, 25, 25, 25]  # type: ignore[arg-type]
+    assert shards([], 4) == []
+    assert shards(plan_frames[:2], 4) == [[0], [1]]  # type: ignore[arg-type,comparison-overlap]
+
+
 @needs_bpy
 def test_arguments_after_two_dashes_as_blender_passes_them(tmp_path: Path) -> None:
     """What `blender -b -P` does, with the bpy module: bpy is loaded, the command line is Blender's."""
@@ -140,3 +181,26 @@ def test_png_reads_back(tmp_path: Path) -> None:
 def test_srgb_is_the_standard_curve() -> None:
     linear = np.array([-1.0, 0.0, 0.0031308, 0.18, 0.5, 1.0, 7.0], dtype=np.float32)
     np.testing.assert_array_equal(srgb_from_linear(linear), [0, 0, 10, 118, 188, 255, 255])
+
+
+def test_own_pictures_read_back_and_damaged_ones_do_not() -> None:
+    rng = np.random.default_rng(1)
+    for shape in ((7, 5, 3), (4, 9)):
+        image = rng.integers(0, 256, size=shape, dtype=np.uint8)
+        np.testing.assert_array_equal(read_png(png(image)), image)
+    content = bytearray(png(image))
+    content[-15] ^= 1
+    for bad in (bytes(content), b"GIF89a", png(image)[:40]):
+        with pytest.raises(ValueError, match="PNG"):
+            read_png(bad)
+
+
+def test_explain_renders_nothing(flyover: Command, tiny_scene: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "s.toml"
+    scene.write_text(tiny_scene.read_text() + "\n[effects.haze]\nvisibility_m = 250\n")
+    result = flyover([scene, "--explain"])
+    assert result.returncode == 0, result.stderr
+    assert "6 frames of 96x54" in result.stdout
+    assert "film     haze: visibility_m 250.0" in result.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["s.toml"]
+    assert "--workers 0: must be at least 1" in refused(flyover([scene, "--out", tmp_path / "x", "--workers", 0]))

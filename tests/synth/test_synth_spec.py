@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import math
 import tomllib
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -9,7 +10,11 @@ from typing import Any, get_args, get_type_hints
 import pytest
 
 from synth.errors import InputError
+from synth.flight import FLIGHTS
+from synth.plan import make_plan
+from synth.reference import reference
 from synth.spec import Scene, parse_scene, read_scene
+from synth.streets import STREETS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -29,7 +34,7 @@ def refusal(table: dict[str, Any]) -> str:
 
 
 def test_shipped_scenes_are_valid() -> None:
-    for path in sorted((ROOT / "scenes").glob("*.toml")):
+    for path in sorted((ROOT / "scenes").rglob("*.toml")):
         assert read_scene(path).name == path.stem
 
 
@@ -70,10 +75,10 @@ def test_out_of_range_names_the_range(table: dict[str, Any], value: float) -> No
 
 
 def test_unknown_choice_names_the_choices(table: dict[str, Any]) -> None:
-    table["vehicles"][0]["route"] = "west-eest"
+    table["vehicles"][0]["kind"] = "vann"
     message = refusal(table)
-    assert "vehicles[0].route" in message
-    assert "did you mean 'west-east'" in message
+    assert "vehicles[0].kind" in message
+    assert "did you mean 'van'" in message
 
 
 def test_list_of_wrong_length_is_refused(table: dict[str, Any]) -> None:
@@ -114,18 +119,91 @@ def test_unreadable_and_malformed_files_are_refused(tmp_path: Path) -> None:
         read_scene(tmp_path / "latin.toml")
 
 
-def keys(cls: type) -> set[str]:
-    """All keys under a section, nested ones included."""
-    found = set()
-    for name, hint in get_type_hints(cls).items():
-        found.add(name)
-        for option in (hint, *get_args(hint)):
-            if dataclasses.is_dataclass(option):
-                found |= keys(option)  # type: ignore[arg-type]
-    return found
+def test_the_reference_page_is_what_the_schema_says() -> None:
+    assert (ROOT / "docs" / "scenes.md").read_text() == reference(), "run `python -m synth.reference > docs/scenes.md`"
 
 
-def test_every_key_is_documented() -> None:
-    text = (ROOT / "docs" / "scenes.md").read_text()
-    assert {key for key in keys(Scene) if f"`{key}`" not in text and f"`[{key}]`" not in text
-            and f"`[[{key}]]`" not in text} == set()  # fmt: skip
+def test_every_key_has_a_meaning() -> None:
+    def check(cls: type) -> None:
+        for each in dataclasses.fields(cls):
+            kinds = each.metadata.get("kinds")
+            for option in kinds.values() if kinds else ():
+                check(option)
+            hint = get_type_hints(cls)[each.name]
+            inner = [option for option in (hint, *get_args(hint)) if dataclasses.is_dataclass(option)]
+            for option in inner:
+                check(option)  # type: ignore[arg-type]
+            if not kinds and not inner and each.name not in ("kind", "effects"):
+                assert each.metadata["meaning"], f"{cls.__name__}.{each.name}"
+
+    check(Scene)
+
+
+def test_world_offset_is_refused_with_the_reason(table: dict[str, Any]) -> None:
+    table["flight"]["centre_m"] = [500_000.0, 5_000_000.0, 0.0]
+    message = refusal(table)
+    assert "flight.centre_m[0]" in message
+    assert "relative to the scene" in message
+
+
+@pytest.mark.parametrize("kind", FLIGHTS)
+def test_every_flight_is_read_by_its_kind(table: dict[str, Any], kind: str) -> None:
+    examples: dict[str, dict[str, Any]] = {
+        "arc": table["flight"],
+        "orbit": {"radius_m": 30, "altitude_m": 40},
+        "line": {"from_m": [0, -50, 40], "to_m": [0, 50, 40]},
+        "hover": {"position_m": [0, 0, 90], "yaw_deg": 0, "pitch_deg": -90},
+        "spiral": {"radius_m": [60, 10], "altitude_m": [30, 100], "start_deg": 0, "sweep_deg": 400},
+        "waypoints": {"points_m": [[0, -50, 40], [20, 0, 50], [0, 50, 40]]},
+    }
+    table["flight"] = {**examples[kind], "kind": kind}
+    assert parse_scene(table, "x.toml").flight.kind == kind
+
+
+def test_key_of_another_kind_is_refused(table: dict[str, Any]) -> None:
+    table["flight"]["turns"] = 2
+    assert "flight.turns: unknown key" in refusal(table)
+
+
+def test_unknown_kind_names_the_kinds(table: dict[str, Any]) -> None:
+    table["street"]["kind"] = "roundabuot"
+    message = refusal(table)
+    assert "did you mean 'roundabout'" in message
+    del table["street"]["kind"]
+    assert "street.kind: missing" in refusal(table)
+
+
+def test_flight_below_what_it_looks_at_is_refused(table: dict[str, Any]) -> None:
+    table["flight"]["centre_m"] = [0, 0, 40]
+    assert "above the centre" in refusal(table)
+
+
+def test_lights_where_there_are_none_are_refused(table: dict[str, Any]) -> None:
+    table["street"] = {"kind": "roundabout"}
+    assert "no traffic lights" in refusal(table)
+
+
+def test_route_that_the_street_does_not_have_names_those_that_it_has(table: dict[str, Any]) -> None:
+    table["vehicles"][0]["route"] = "west-eest"
+    with pytest.raises(InputError, match=r"vehicles\[0\].route: 'west-eest' must be one of .*west-east"):
+        make_plan(parse_scene(table, "x.toml"))
+
+
+def test_heterogeneity_family_differs_in_its_knob_alone() -> None:
+    scenes = [read_scene(path) for path in sorted((ROOT / "scenes" / "heterogeneity").glob("*.toml"))]
+    assert len(scenes) >= 3
+    for scene in scenes[1:]:
+        for name in ("time", "camera", "flight", "street", "blocks", "greenery", "light", "render", "seed"):
+            assert getattr(scene, name) == getattr(scenes[0], name), (scene.name, name)
+
+
+def test_arc_scenes_span_the_range_of_drone_footage() -> None:
+    scenes = [read_scene(path) for path in sorted((ROOT / "scenes").glob("arc*.toml"))]
+    assert len(scenes) == 10
+    assert {scene.street.kind for scene in scenes} == set(STREETS)
+    altitudes = [scene.flight.altitude_m for scene in scenes]  # type: ignore[attr-defined]
+    pitches = [math.degrees(math.atan2(s.flight.altitude_m - s.flight.centre_m[2], s.flight.radius_m)) for s in scenes]  # type: ignore[attr-defined]
+    assert min(altitudes) < 25
+    assert max(altitudes) > 110
+    assert min(pitches) < 35
+    assert max(pitches) == pytest.approx(90)

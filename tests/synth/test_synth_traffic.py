@@ -8,20 +8,25 @@ import numpy as np
 import pytest
 
 from synth.errors import InputError
-from synth.plan import Plan, make_plan
-from synth.spec import Scene, Signal, Street, Traffic, Vehicle, read_scene
-from synth.traffic.following import ballistic, idm_acceleration
-from synth.traffic.instances import build_fleet, overlapping
-from synth.traffic.network import crossroads, joints
+from synth.plan import Plan, make_fleet, make_plan
+from synth.spec import Flow, Parking, Pedestrians, Scene, Signal, Traffic, Vehicle, read_scene
+from synth.streets import STREETS
+from synth.streets.crossroads import Crossroads
+from synth.traffic.fleet import BODIES
+from synth.traffic.following import ballistic, idm_acceleration, within_gap
+from synth.traffic.instances import Fleet, Instance, Standing, overlapping
+from synth.traffic.network import Network, joints
+from synth.traffic.population import Parked, populate
 from synth.traffic.simulation import Drives, simulate
 
-STREET = Street(kind="crossroads")
-NETWORK = crossroads(STREET)
+ROOT = Path(__file__).resolve().parents[2]
+STREET = Crossroads(arm_m=80.0)
+NETWORK = STREET.network(signals=True)
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return read_scene(Path(__file__).resolve().parents[2] / "scenes" / "crossroads.toml")
+    return read_scene(ROOT / "scenes" / "crossroads.toml")
 
 
 @pytest.fixture(scope="module")
@@ -29,16 +34,24 @@ def plan(scene: Scene) -> Plan:
     return make_plan(scene)
 
 
-def drive(
-    *vehicles: Vehicle, signal: Signal | None = None, traffic: Traffic | None = None, until: float = 20
-) -> Drives:
-    return simulate(NETWORK, vehicles, signal, traffic or Traffic(), until)
+def drive(*vehicles: Vehicle, signal: Signal | None = None, traffic: Traffic | None = None, until: float = 20,
+          network: Network = NETWORK) -> Drives:  # fmt: skip
+    traffic = traffic or Traffic(parked_share=0.0)
+    population = populate(network, vehicles, (), traffic, Parking(), Pedestrians(), 0, until)
+    lights = None
+    if signal is not None:
+        lights = {"east_west": signal.east_west_green_s, "north_south": signal.north_south_green_s}
+    return simulate(network, population.cars, (), lights, traffic, 0.0, until)
 
 
 def test_routes_join_without_gaps_or_kinks() -> None:
+    for kind, street in STREETS.items():
+        for signals in (False, True):
+            network = street().network(signals)
+            assert network.routes, kind
+            for route in network.routes:
+                assert np.abs(joints(network.route_path(route))).max() < 1e-9, (kind, route)
     assert len(NETWORK.routes) == 12
-    for route in NETWORK.routes:
-        assert np.abs(joints(NETWORK.route_path(route))).max() < 1e-9
 
 
 def test_routes_keep_right_and_end_on_their_arm() -> None:
@@ -131,7 +144,7 @@ def test_idm_survives_zero_gap_and_high_closing_speed() -> None:
 
 def test_empty_traffic(scene: Scene) -> None:
     empty = replace(scene, vehicles=(), traffic=Traffic(parked_share=0.0))
-    fleet = build_fleet(empty, 4.0)
+    fleet = make_fleet(empty, 4.0)
     assert fleet.object_to_world(1.0).shape == (0, 4, 4)
     assert fleet.speed_mps(1.0).shape == fleet.moving(1.0).shape == (0,)
 
@@ -139,13 +152,180 @@ def test_empty_traffic(scene: Scene) -> None:
 def test_overlap_is_refused(scene: Scene) -> None:
     same = Vehicle(route="west-east", position_m=-20.0, speed_mps=9)
     with pytest.raises(InputError, match="inside the vehicle ahead"):
-        build_fleet(replace(scene, vehicles=(same, replace(same, position_m=-18.0))), 2.0)
+        make_fleet(replace(scene, vehicles=(same, replace(same, position_m=-18.0))), 2.0)
     across = Vehicle(route="south-north", position_m=12.0, speed_mps=0.5, cruise_mps=0.5)
     through = Vehicle(route="west-east", position_m=0.0, speed_mps=9.0)
     with pytest.raises(InputError, match="overlap at"):
-        build_fleet(replace(scene, vehicles=(across, through), signal=None), 3.0)
+        make_fleet(replace(scene, vehicles=(across, through), signal=None), 3.0)
 
 
 def test_parked_vehicles_do_not_depend_on_the_driven_ones(scene: Scene) -> None:
-    with_traffic, without = build_fleet(scene, 1.0), build_fleet(replace(scene, vehicles=()), 1.0)
-    assert with_traffic.parked == without.parked
+    with_traffic, without = make_fleet(scene, 1.0), make_fleet(replace(scene, vehicles=()), 1.0)
+    assert with_traffic.groups[-1] == without.groups[-1]
+
+
+# Hard cases of car following.
+
+
+def test_idm_never_gives_nan_or_more_than_brakes_and_engine_can() -> None:
+    speed, gap, closing = (a.ravel() for a in np.meshgrid([0.0, 1e-9, 5.0, 40.0], [-3.0, 0.0, 1e-12, 2.0, np.inf],
+                                                          [-40.0, 0.0, 40.0]))  # fmt: skip
+    for cruise in (0.5, 60.0):
+        acceleration = idm_acceleration(speed, np.full(speed.shape, cruise), gap, closing, Traffic())
+        assert np.isfinite(acceleration).all()
+        assert acceleration.min() >= -9.0
+        assert acceleration.max() <= 2.0
+
+
+@pytest.mark.parametrize("step_s", [0.02, 0.1, 1.0])
+@pytest.mark.parametrize("closing_mps", [0.0, 10.0, 40.0])
+@pytest.mark.parametrize("gap_m", [0.0, 0.5, 30.0, 120.0])
+def test_a_follower_never_passes_through_a_standing_vehicle(step_s: float, closing_mps: float, gap_m: float) -> None:
+    """Two cars on one lane, the one ahead at a standstill: at any step, gap and speed."""
+    position, speed = np.array([0.0]), np.array([closing_mps])
+    traffic, still = Traffic(step_s=step_s), np.zeros(1)
+    for _ in range(int(20 / step_s)):
+        gap = gap_m - position
+        acceleration = idm_acceleration(speed, np.array([20.0]), gap, speed, traffic)
+        acceleration = within_gap(acceleration, speed, gap, still, step_s)
+        position, speed = ballistic(position, speed, acceleration, step_s)
+        assert np.isfinite(position).all()
+        assert speed[0] >= 0
+        assert position[0] <= gap_m + 1e-6
+    assert speed[0] < 0.5
+
+
+def test_within_gap_changes_nothing_at_fine_steps() -> None:
+    """IDM drives safely by itself: a follower of a leader that brakes to a stop is never touched by the guard."""
+    traffic = Traffic(step_s=0.02)
+    leader_position, leader_speed = np.array([40.0]), np.array([14.0])
+    position, speed = np.array([0.0]), np.array([14.0])
+    for step in range(1500):
+        gap = leader_position - position
+        free = idm_acceleration(speed, np.array([15.0]), gap, speed - leader_speed, traffic)
+        np.testing.assert_array_equal(within_gap(free, speed, gap, leader_speed, 0.02), free)
+        position, speed = ballistic(position, speed, free, 0.02)
+        braking = np.array([-4.0 if 200 < step < 500 else 0.0])
+        leader_position, leader_speed = ballistic(leader_position, leader_speed, braking, 0.02)
+    assert 0.5 < (leader_position - position)[0] < 4.0
+
+
+@pytest.mark.parametrize("step_s", [0.05, 1.0])
+def test_queue_at_a_coarse_step_stays_in_order(step_s: float) -> None:
+    signal = Signal(east_west_green_s=((8.0, 99.0),), north_south_green_s=())
+    queue = [Vehicle(route="west-east", position_m=-30 - 14 * k, speed_mps=14, cruise_mps=14) for k in range(4)]
+    drives = drive(*queue, signal=signal, traffic=Traffic(step_s=step_s, parked_share=0.0))
+    gaps = drives.position_m[:, :-1] - drives.position_m[:, 1:] - BODIES["saloon"].length_m
+    assert gaps.min() > 0
+    assert drives.speed_mps.min() >= 0
+    assert np.isfinite(drives.position_m).all()
+
+
+def test_halving_the_step_halves_the_error() -> None:
+    """Behind a slow leader, without decisions that may fall differently: first order in the step."""
+    platoon = [Vehicle(route="west-east", position_m=20.0, speed_mps=6.0, cruise_mps=6.0)]
+    platoon += [
+        Vehicle(route="west-east", position_m=-25.0 - 20 * k, speed_mps=13.0, cruise_mps=13.0) for k in range(3)
+    ]
+    at = [drive(*platoon, traffic=Traffic(step_s=s, parked_share=0.0)).state(9.0)[0] for s in (0.4, 0.2, 0.01)]
+    coarse, middle = (float(np.abs(p - at[2]).max()) for p in at[:2])
+    assert middle < 0.6 * coarse
+    assert coarse < 0.5
+
+
+# Right of way, lane changes, parking, people.
+
+
+def test_who_turns_left_gives_way() -> None:
+    """Without the rule the turn would cross the path of the vehicle that comes straight on."""
+    left = Vehicle(route="west-north", position_m=-14.0, speed_mps=8.0)
+    straight = Vehicle(route="east-west", position_m=-16.0, speed_mps=9.0)
+    drives = drive(left, straight, network=STREET.network(signals=False), until=14.0)
+    fleet = Fleet(tuple(Instance(n, "x", "saloon", (0, 0, 0)) for n in (1, 2)), (drives,))
+    assert all(not overlapping(fleet, float(t)) for t in np.linspace(0, 14, 141))
+    assert drives.speed_mps[:, 0].min() < 1.0  # waited
+    assert drives.speed_mps[:, 1].min() > 7.0  # did not have to
+    assert drives.position_m[-1, 0] > NETWORK.stop_line_m("west-north") + 20  # and went on
+
+
+def test_lane_changes_are_smooth_and_lead_past_slow_traffic() -> None:
+    network = STREETS["straight"](lanes=2, arm_m=400.0, crossing=False, parking_width_m=0.0).network(signals=False)
+    slow = Vehicle(route="west-east/0", position_m=-290.0, speed_mps=5.0, cruise_mps=5.0)
+    fast = Vehicle(route="west-east/0", position_m=-395.0, speed_mps=13.0, cruise_mps=14.0)
+    drives = drive(slow, fast, network=network, until=30.0)
+    assert len(np.unique(drives.path_of[:, 1])) == 2
+    poses = [drives.poses(float(t)) for t in np.arange(0, 30, 0.01)]
+    centres, headings = np.array([p[0][1] for p in poses]), np.array([p[1][1] for p in poses])
+    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    assert steps.max() < 14.5 * 0.01  # never a jump sideways
+    assert np.abs(np.diff(headings)).max() < math.radians(0.3)
+    assert np.abs(np.diff(headings, 2)).max() < math.radians(0.05)
+    assert np.abs(headings).max() < math.radians(15)
+    assert centres[-1, 0] > np.array([drives.poses(29.99)[0][0]])[0, 0]  # got past
+    fleet = Fleet(tuple(Instance(n, "x", "saloon", (0, 0, 0)) for n in (1, 2)), (drives,))
+    assert all(not overlapping(fleet, float(t)) for t in np.linspace(0, 29, 291))
+
+
+def test_parked_vehicles_leave_and_others_arrive(scene: Scene) -> None:
+    busy = replace(scene, vehicles=(), parking=Parking(leaving=2, arriving=2), traffic=Traffic(step_s=0.05))
+    fleet = make_fleet(busy, 24.0)
+    speeds = np.array([fleet.speed_mps(t) for t in np.linspace(0, 24, 121)])
+    names = [instance.name for instance in fleet.instances]
+    leaving = [m for m, name in enumerate(names) if name.startswith("leaving")]
+    arriving = [m for m, name in enumerate(names) if name.startswith("arriving")]
+    assert len(leaving) == len(arriving) == 2
+    assert (speeds[0, leaving] == 0).all()
+    assert (speeds[:, leaving].max(axis=0) > 5).all()
+    assert (speeds[:, arriving].max(axis=0) > 5).all()
+    assert (speeds[-1, arriving] == 0).all()
+    kerb = STREET.ground(True).plots  # behind the pavement: nobody parks there
+    for m in arriving:
+        x, y = np.abs(fleet.object_to_world(24.0)[m, :2, 3])
+        assert 3.2 < min(x, y) < abs(kerb["north-east"][0]) - 3.0
+
+
+def test_people_cross_when_vehicles_may_not(scene: Scene) -> None:
+    """Nobody is on a crossing together with a vehicle: the overlap check of the fleet would refuse it."""
+    crowd = replace(scene, pedestrians=Pedestrians(crossing=20, strolling=4), flows=(Flow(per_hour=500),), vehicles=(),
+                    traffic=Traffic(step_s=0.1, warm_up_s=30.0))  # fmt: skip
+    fleet = make_fleet(crowd, 8.0)
+    people = [m for m, instance in enumerate(fleet.instances) if instance.kind == "pedestrian"]
+    assert len(people) == 24
+    heights = np.array([fleet.object_to_world(t)[people, 2, 3] for t in np.linspace(0, 8, 33)])
+    assert heights.max() == 0.12
+    assert heights.min() == 0.0  # someone is on the road
+
+
+def test_every_street_carries_traffic_without_overlaps() -> None:
+    """`make_fleet` refuses overlaps: a minute of dense flow on every street, simulated for some seconds of clip."""
+    for kind, street in STREETS.items():
+        table = read_scene(ROOT / "scenes" / "tiny.toml")
+        dense = replace(table, street=street(), signal=None, vehicles=(), flows=(Flow(per_hour=500, turning=0.4),),
+                        traffic=Traffic(step_s=0.1, warm_up_s=40.0), blocks=())  # fmt: skip
+        fleet = make_fleet(dense, 6.0)
+        moving = np.array([fleet.moving(t) for t in np.linspace(0, 6, 25)])
+        assert moving.any(axis=0).sum() >= 6, kind
+
+
+def test_vehicles_come_and_go(scene: Scene) -> None:
+    short = replace(scene.street, arm_m=50.0)
+    flowing = replace(scene, street=short, vehicles=(), flows=(Flow(per_hour=900),), traffic=Traffic(step_s=0.1))
+    fleet = make_fleet(flowing, 10.0)
+    present = np.array([fleet.present(t) for t in np.linspace(0, 10, 101)])
+    assert (~present[0] & present[-1]).any()
+    assert (present[0] & ~present[-1]).any()
+    speeds = np.array([fleet.speed_mps(t) for t in np.linspace(0, 10, 101)])
+    assert (speeds[~present] == 0).all()
+
+
+def test_forty_thousand_instances_are_checked_and_keep_their_ids() -> None:
+    side = 200
+    parked = tuple(Parked("saloon", (6.0 * (k % side), 3.0 * (k // side)), 0.0) for k in range(side * side))
+    standing = Standing(parked)
+    instances = tuple(Instance(k + 1, f"p{k}", "saloon", (0.1, 0.1, 0.1)) for k in range(len(parked)))
+    fleet = Fleet(instances, (standing,))
+    assert overlapping(fleet, 0.0) == []
+    assert fleet.object_to_world(0.0)[-1, :2, 3].tolist() == [6.0 * 199, 3.0 * 199]
+    assert [np.float32(i.id) == i.id for i in instances].count(False) == 0  # what the id pass holds is exact
+    planted = Fleet(instances, (Standing((*parked[:-1], Parked("saloon", (6.0, 1.0), 0.0))),))
+    assert overlapping(planted, 0.0) == [(1, 39_999)]

@@ -45,7 +45,7 @@ def steps(run: Path) -> list[str]:
         ("coarse", 17),
         ("fine", 29),
         ("checkpoint.safetensors", 2),
-        ("checkpoint.safetensors", 6),
+        ("checkpoint.safetensors", 9),
         ("history.csv", 7),
         ("coarse.safetensors", 1),
         ("model.safetensors", 1),

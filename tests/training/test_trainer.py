@@ -14,9 +14,8 @@ from PIL import Image
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.model import ModelConfig
 from aa4d.model_file import load_model
-from aa4d.training.trainer import Run, train
+from aa4d.training.trainer import train
 from tests.toy_capture import write_toy_capture
 from tests.training.short_run import SHORT
 
@@ -110,17 +109,6 @@ def test_densification_changes_the_number_of_anchors(toy_capture: Path, tmp_path
     counts = set()
     train(read_capture(toy_capture), tmp_path / "run", SHORT, lambda *a: counts.add(a[-1]))
     assert len(counts) > 1
-
-
-def test_the_fine_stage_starts_where_the_coarse_stage_ended(toy_capture: Path, tmp_path: Path) -> None:
-    torch.manual_seed(0)
-    run = Run(read_capture(toy_capture), tmp_path, SHORT, ModelConfig())
-    state = run.initial_state()
-    with torch.no_grad():
-        rows = state.model.anchors.rows()
-        canonical, deformed = state.model.canonical(rows), state.model.deformed(rows, 0.4)
-    for name in ("position", "feature", "offset", "scale"):
-        assert torch.equal(getattr(canonical, name), getattr(deformed, name)), name
 
 
 def test_another_run_in_the_folder_is_refused(toy_capture: Path, tmp_path: Path) -> None:

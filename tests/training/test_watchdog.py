@@ -62,6 +62,6 @@ def test_a_loss_without_a_culprit_blames_the_input(
     toy_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loss = trainer.Run._loss
-    monkeypatch.setattr(trainer.Run, "_loss", lambda *a: loss(*a) * torch.nan)
+    monkeypatch.setattr(trainer.Run, "_loss", lambda *a: (loss(*a)[0] * torch.nan, torch.zeros(())))
     with pytest.raises(InputError, match=r"in the loss at coarse iteration 1; check the poses .* nothing is kept"):
         train(read_capture(toy_capture), tmp_path / "run", SHORT, silent)

@@ -8,22 +8,23 @@ namespace aa4d::AA4D_ARCH {
 
 // The contributions that the forward pass added: what passes the cut-off before the pixel was finished.
 inline std::uint64_t count_pairs(const BackwardTile& tile) {
-  const TileList& list = tile.list;
   const Float cutoff(tile.log2_min_alpha);
-  const BlockEnds ends(tile.pixel_end);
-  Batch batch;
+  BackwardBatch batch(tile);
   std::uint64_t pairs = 0;
-  for (std::int64_t done = 0; done < ends.last;) {
-    const int taken = batch.fill(list, done, 1, ends.last - done, ends);
-    for (const BlockItem* item = batch.begin(); item != batch.end(); ++item) {
-      const QuarterView& view = batch.view(*item);
-      for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
-        const Float exponent = view.log2_alpha(view.u(item->quarter_block(), k), view.w(item->quarter_block(), k));
-        const Mask adds = (exponent >= cutoff) & above(tile.pixel_end + item->block() * kBlockPixels + k, view.place);
-        pairs += __builtin_popcount(bits(adds));
+  for (std::int32_t left = batch.last(); left > 0;) {
+    const int taken = batch.fill(left);
+    for (int e = 0; e < taken; ++e) {
+      const SplatView& view = batch.view(e);
+      for (const std::uint32_t* block = batch.begin(e); block != batch.end(e); ++block) {
+        for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
+          const int p = static_cast<int>(*block) * kBlockPixels + k;
+          const Float x = Float::load(kGrid.pixel_x + p), y = Float::load(kGrid.pixel_y + p);
+          const Mask passes = view.log2_alpha(view.u(x, y), view.w(y)) >= cutoff;
+          pairs += __builtin_popcount(bits(passes & above(tile.pixel_end + p, left - 1 - e)));
+        }
       }
     }
-    done += taken;
+    left -= taken;
   }
   return pairs;
 }
@@ -42,22 +43,21 @@ struct Chain {
 // The arithmetic of forward_tile for `pairs` contributions: position, exponential, blending of three channels. Returns
 // something that depends on all of it.
 inline float forward_arithmetic(std::uint64_t pairs) {
-  const Float log2_opacity(-7.0f), du(1e-6f), dw(-1e-6f), max_alpha(static_cast<float>(kMaxAlpha)), zero(0.0f);
-  const Float cutoff(-8.0f), min_transmittance(1e-4f), red(0.3f), green(0.4f), blue(0.5f);
+  const Float log2_opacity(-20.0f), du(1e-6f), dw(-1e-6f), max_alpha(static_cast<float>(kMaxAlpha));
+  const Float cutoff(-21.0f), min_transmittance(1e-4f), red(0.3f), green(0.4f), blue(0.5f);
   Chain chains[kChains] = {Chain(0), Chain(1), Chain(2)};
   for (std::uint64_t done = 0; done < pairs; done += kChains * Float::kWidth) {
     for (Chain& c : chains) {
       c.u = c.u + du;
       c.w = c.w + dw;
       const Float exponent = fnma(c.w, c.w, fnma(c.u, c.u, log2_opacity));
-      const Float alpha = min(exp2_nonpositive(exponent), max_alpha);
-      const Float weight_if = alpha * c.transmittance, after = c.transmittance - weight_if;
-      const Mask passes = (exponent >= cutoff) & (c.transmittance > zero);
-      const Float weight = zero_unless(and_not(passes, after <= min_transmittance), weight_if);
+      const Float alpha = zero_unless(exponent >= cutoff, min(exp2_nonpositive(exponent), max_alpha));
+      const Float after = fnma(alpha, c.transmittance, c.transmittance);
+      const Float weight = zero_unless(after > min_transmittance, alpha * c.transmittance);
       c.red = fma(weight, red, c.red);
       c.green = fma(weight, green, c.green);
       c.blue = fma(weight, blue, c.blue);
-      c.transmittance = c.transmittance - weight;
+      c.transmittance = after;
     }
   }
   float result = 0;

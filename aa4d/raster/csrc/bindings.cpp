@@ -162,6 +162,7 @@ NB_MODULE(_native, m) {
     result["MIN_QUATERNION_NORM"] = aa4d::kMinQuaternionNorm;
     result["MIN_COMPENSATION"] = aa4d::kMinCompensation;
     result["MAX_FEATURES"] = aa4d::kMaxFeatures;
+    result["MAX_SIDE"] = aa4d::kMaxSide;
     return result;
   });
 }

@@ -12,14 +12,33 @@ namespace aa4d {
 namespace {
 
 constexpr std::size_t kMaxSlots = std::size_t{1} << 31;  // slots are counted in 32 bits
-constexpr std::size_t kBinChunk = 2048;  // Gaussians; larger than kChunk because each chunk counts every tile
-constexpr int kPrefetch = 8;
+constexpr std::size_t kSortChunk = 8192;                 // Gaussians that one task sorts or deals at a time
+constexpr int kPrefetch = 16;
 
-std::size_t bin_chunks(const Frame& frame) { return (frame.order.size() + kBinChunk - 1) / kBinChunk; }
+std::size_t chunks_of(std::size_t count) { return (count + kSortChunk - 1) / kSortChunk; }
+
+template <class Body>
+void for_each_chunk(int threads, std::size_t count, const Body& body) {
+  parallel_for(threads, chunks_of(count), [&](std::size_t chunk) {
+    body(chunk, chunk * kSortChunk, std::min(count, (chunk + 1) * kSortChunk));
+  });
+}
+
+// Turns how often each chunk has each of `values` into where the chunk's first one goes, value by value and chunk by
+// chunk, so that all chunks can deal at the same time and the result comes out as from a serial run. `begin`, if there
+// is one, gets where each value begins. Returns the total.
+std::uint32_t counts_to_places(Buffer<std::uint32_t>& counts, std::size_t chunks, std::size_t values, std::uint32_t* begin) {
+  std::uint32_t sum = 0;
+  for (std::size_t value = 0; value < values; ++value) {
+    if (begin) begin[value] = sum;
+    for (std::size_t chunk = 0; chunk < chunks; ++chunk) sum += std::exchange(counts[chunk * values + value], sum);
+  }
+  return sum;
+}
 
 // Stable radix sort of the seen Gaussians by the bits of their depth: positive floats order like integers. Equal depths
 // stay in the order of their indices.
-void sort_by_depth(Frame& frame) {
+void sort_by_depth(Frame& frame, int threads) {
   frame.order.resize_discarding(frame.count);
   frame.order_other.resize_discarding(frame.count);
   std::uint64_t* from = frame.order.data();
@@ -27,130 +46,122 @@ void sort_by_depth(Frame& frame) {
   std::uint32_t smallest = ~0u, largest = 0;
   for (std::size_t g = 0; g < frame.count; ++g) {
     const std::uint32_t key = frame.depth_keys[g];
-    if (key == 0) continue;
-    smallest = std::min(smallest, key);
+    from[seen] = std::uint64_t{key} << 32 | g;
+    seen += key != 0;
+    smallest = std::min(smallest, key - 1);  // what is not seen becomes the largest
     largest = std::max(largest, key);
-    from[seen++] = std::uint64_t{key} << 32 | g;
   }
   frame.order.resize_discarding(seen);
   if (seen < 2) return;
+  ++smallest;
 
-  // As few passes as digits of 12 bits allow (their histogram stays in the first-level cache), of equal size.
-  const int bits = std::bit_width(largest - smallest), passes = (bits + 11) / 12;
+  // As few passes as digits of 11 bits allow (their histogram stays in the first-level cache), of equal size.
+  const int bits = std::bit_width(largest - smallest), passes = (bits + 10) / 11;
   const int digit_bits = passes ? (bits + passes - 1) / passes : 0;
-  const std::uint32_t digits = 1u << digit_bits;
-  frame.histogram.resize_discarding(digits);
-  std::uint32_t* const place = frame.histogram.data();
+  const std::size_t digits = std::size_t{1} << digit_bits;
+  frame.histogram.resize_discarding(chunks_of(seen) * digits);
   std::uint64_t* to = frame.order_other.data();
   for (int pass = 0; pass < passes; ++pass) {
     const auto digit = [&](std::uint64_t item) {
       return (static_cast<std::uint32_t>(item >> 32) - smallest) >> (pass * digit_bits) & (digits - 1);
     };
-    std::fill_n(place, digits, 0u);
-    for (std::size_t i = 0; i < seen; ++i) ++place[digit(from[i])];
-    std::uint32_t sum = 0;
-    for (std::uint32_t d = 0; d < digits; ++d) sum += std::exchange(place[d], sum);
-    for (std::size_t i = 0; i < seen; ++i) to[place[digit(from[i])]++] = from[i];
+    for_each_chunk(threads, seen, [&](std::size_t chunk, std::size_t begin, std::size_t end) {
+      std::uint32_t* const count = frame.histogram.data() + chunk * digits;
+      std::fill_n(count, digits, 0u);
+      for (std::size_t i = begin; i < end; ++i) ++count[digit(from[i])];
+    });
+    counts_to_places(frame.histogram, chunks_of(seen), digits, nullptr);
+    for_each_chunk(threads, seen, [&](std::size_t chunk, std::size_t begin, std::size_t end) {
+      std::uint32_t* const place = frame.histogram.data() + chunk * digits;
+      for (std::size_t i = begin; i < end; ++i) to[place[digit(from[i])]++] = from[i];
+    });
     std::swap(from, to);
   }
-  if (from != frame.order.data()) std::copy_n(from, seen, frame.order.data());
+  if (from == frame.order.data()) return;
+  frame.order_other.resize_discarding(seen);
+  frame.order.swap(frame.order_other);
 }
 
-// The bits of a group's quarters in rows or columns [begin, end) of it, where `unit` is one row or column.
-std::uint32_t lines(int begin, int end, std::uint32_t unit, int shift) {
-  std::uint32_t result = 0;
-  for (int i = std::max(begin, 0); i < std::min(end, 4); ++i) result |= unit << (shift * i);
-  return result;
-}
-
-void append_tiles(const Frame& frame, std::size_t g, Buffer<TouchedTile>& touched) {
-  static_assert(kTileSize == 2 * kQuarterSize);
-  const QuarterBox& box = frame.boxes[g];
-  const auto test = kernels().touched_quarters;
-  for (int row = box.y_begin & ~1; row < box.y_end; row += 4) {
-    for (int column = box.x_begin & ~1; column < box.x_end; column += 4) {
-      const std::uint32_t in_box = lines(box.x_begin - column, box.x_end - column, 0x1111, 1) &
-                                   lines(box.y_begin - row, box.y_end - row, 0x000f, 4);
-      const std::uint32_t group = in_box & test(frame.splats[g], frame.camera, column, row);
-      for (int tile = 0; tile < 4; ++tile) {
-        const std::uint32_t bits = group >> (tile / 2 * 8 + tile % 2 * 2);
-        const std::uint32_t quarters = (bits & 3) | (bits >> 4 & 3) << 2;
-        if (quarters == 0) continue;
-        const int x = column / 2 + tile % 2, y = row / 2 + tile / 2;
-        touched.push_back({static_cast<std::uint32_t>(y * frame.tiles_x + x), quarters});
-      }
-    }
-  }
-}
-
-// The tiles that each seen Gaussian touches, in the order of depth, and how often each chunk of that order touches each.
-void find_tiles(Frame& frame, std::int32_t* radii, int threads) {
-  const std::size_t seen = frame.order.size(), tiles = frame.tiles();
-  frame.touched_count.resize_discarding(seen);
-  frame.touched.resize(std::max(frame.touched.size(), bin_chunks(frame)));
-  frame.histogram.resize_discarding(bin_chunks(frame) * tiles);
-  parallel_for(threads, bin_chunks(frame), [&](std::size_t chunk) {
-    Buffer<TouchedTile>& touched = frame.touched[chunk];
-    touched.clear();
-    for (std::size_t i = chunk * kBinChunk; i < std::min(seen, (chunk + 1) * kBinChunk); ++i) {
-      if (i + kPrefetch < seen) {
-        const std::uint32_t next = static_cast<std::uint32_t>(frame.order[i + kPrefetch]);
-        __builtin_prefetch(&frame.splats[next]);
-        __builtin_prefetch(&frame.boxes[next]);
-      }
-      const std::uint32_t g = static_cast<std::uint32_t>(frame.order[i]);
-      const std::size_t before = touched.size();
-      append_tiles(frame, g, touched);
-      frame.touched_count[i] = static_cast<std::uint32_t>(touched.size() - before);
-      if (frame.touched_count[i] == 0) radii[g] = 0;
-    }
+// Deals the Gaussians out to their tiles in the order of depth.
+void deal_to_tiles(Frame& frame, int threads) {
+  const std::size_t tiles = frame.tiles(), seen = frame.order.size();
+  frame.histogram.resize_discarding(chunks_of(seen) * tiles);
+  for_each_chunk(threads, seen, [&](std::size_t chunk, std::size_t begin, std::size_t end) {
     std::uint32_t* const count = frame.histogram.data() + chunk * tiles;
     std::fill_n(count, tiles, 0u);
-    for (std::size_t i = 0; i < touched.size(); ++i) ++count[touched[i].tile];
+    for (std::size_t i = begin; i < end; ++i) {
+      if (i + kPrefetch < end) __builtin_prefetch(&frame.slots[static_cast<std::uint32_t>(frame.order[i + kPrefetch])]);
+      const SlotRange slots = frame.slots[static_cast<std::uint32_t>(frame.order[i])];
+      for (std::uint32_t slot = slots.begin; slot < slots.end; ++slot) ++count[frame.slot_tiles[slot]];
+    }
+  });
+  frame.tile_begin.resize_discarding(tiles + 1);
+  frame.tile_begin[tiles] = counts_to_places(frame.histogram, chunks_of(seen), tiles, frame.tile_begin.data());
+  frame.entries.resize_discarding(frame.tile_begin[tiles]);
+  for_each_chunk(threads, seen, [&](std::size_t chunk, std::size_t begin, std::size_t end) {
+    std::uint32_t* const place = frame.histogram.data() + chunk * tiles;
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::uint32_t g = static_cast<std::uint32_t>(frame.order[i]);
+      const SlotRange slots = frame.slots[g];
+      for (std::uint32_t slot = slots.begin; slot < slots.end; ++slot) {
+        frame.entries[place[frame.slot_tiles[slot]]++] = {g, slot};
+      }
+    }
   });
 }
 
-// Deals the Gaussians out to their tiles in the order of depth. Every chunk of that order knows its places from the
-// counts of those before it, so that all chunks can deal at the same time and the lists come out as from a serial run.
-void deal_to_tiles(Frame& frame, int threads) {
-  const std::size_t tiles = frame.tiles(), seen = frame.order.size(), chunks = bin_chunks(frame);
-  frame.chunk_slots.resize_discarding(chunks);
+// The bits of a group's tiles in rows or columns [begin, end) of it, where `unit` is one row or column.
+std::uint32_t lines(int begin, int end, std::uint32_t unit, int shift) {
+  std::uint32_t result = 0;
+  for (int i = std::max(begin, 0); i < std::min(end, kGroupSize); ++i) result |= unit << (shift * i);
+  return result;
+}
+
+}  // namespace
+
+void find_tiles(Frame& frame, std::size_t begin, std::size_t end, std::int32_t* radii) {
+  Buffer<std::uint32_t>& touched = frame.touched[begin / kChunk];
+  touched.clear();
+  const auto test = kernels().touched_tiles;
+  for (std::size_t g = begin; g < end; ++g) {
+    const std::uint32_t first = static_cast<std::uint32_t>(touched.size());
+    if (frame.depth_keys[g] != 0) {
+      const TileBox& box = frame.boxes[g];
+      for (int row = box.y_begin; row < box.y_end; row += kGroupSize) {
+        for (int column = box.x_begin; column < box.x_end; column += kGroupSize) {
+          const std::uint32_t in_box = lines(0, box.x_end - column, 0x1111, 1) & lines(0, box.y_end - row, 0x000f, 4);
+          for (std::uint32_t rest = in_box & test(frame.splats[g], frame.camera, column, row); rest != 0; rest &= rest - 1) {
+            const int tile = std::countr_zero(rest);
+            touched.push_back((row + tile / kGroupSize) * frame.tiles_x + column + tile % kGroupSize);
+          }
+        }
+      }
+      if (touched.size() == first) frame.depth_keys[g] = radii[g] = 0;
+    }
+    frame.slots[g] = {first, static_cast<std::uint32_t>(touched.size())};
+  }
+}
+
+void sort_into_tiles(Frame& frame, int threads) {
   std::size_t slots = 0;
-  for (std::size_t chunk = 0; chunk < chunks; ++chunk) {
+  frame.chunk_slots.resize_discarding(frame.chunks());
+  for (std::size_t chunk = 0; chunk < frame.chunks(); ++chunk) {
     frame.chunk_slots[chunk] = static_cast<std::uint32_t>(slots);
     slots += frame.touched[chunk].size();
     if (slots > kMaxSlots) {
       throw std::length_error("the Gaussians touch more than 2^31 tiles in sum: draw fewer or smaller ones");
     }
   }
-  frame.entries.resize_discarding(slots);
-  frame.tile_begin.resize_discarding(tiles + 1);
-  std::uint32_t sum = 0;
-  for (std::size_t tile = 0; tile < tiles; ++tile) {
-    frame.tile_begin[tile] = sum;
-    for (std::size_t chunk = 0; chunk < chunks; ++chunk) sum += std::exchange(frame.histogram[chunk * tiles + tile], sum);
-  }
-  frame.tile_begin[tiles] = sum;
-
-  parallel_for(threads, chunks, [&](std::size_t chunk) {
-    std::uint32_t* const place = frame.histogram.data() + chunk * tiles;
-    const TouchedTile* touched = frame.touched[chunk].data();
-    std::uint32_t slot = frame.chunk_slots[chunk];
-    for (std::size_t i = chunk * kBinChunk; i < std::min(seen, (chunk + 1) * kBinChunk); ++i) {
-      const std::uint32_t g = static_cast<std::uint32_t>(frame.order[i]), count = frame.touched_count[i];
-      frame.slots[g] = {slot, slot + count};
-      for (std::uint32_t k = 0; k < count; ++k, ++touched) {
-        frame.entries[place[touched->tile]++] = {g, touched->quarters, slot++, {}};
-      }
+  frame.slot_tiles.resize_discarding(slots);
+  parallel_for(threads, frame.chunks(), [&](std::size_t chunk) {
+    const std::uint32_t first = frame.chunk_slots[chunk];
+    std::copy_n(frame.touched[chunk].data(), frame.touched[chunk].size(), frame.slot_tiles.data() + first);
+    for (std::size_t g = chunk * kChunk; g < std::min(frame.count, (chunk + 1) * kChunk); ++g) {
+      frame.slots[g].begin += first;
+      frame.slots[g].end += first;
     }
   });
-}
-
-}  // namespace
-
-void sort_into_tiles(Frame& frame, std::int32_t* radii, int threads) {
-  sort_by_depth(frame);
-  find_tiles(frame, radii, threads);
+  sort_by_depth(frame, threads);
   deal_to_tiles(frame, threads);
 }
 

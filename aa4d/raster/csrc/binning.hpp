@@ -1,12 +1,15 @@
-// Lists of Gaussians for the tiles, near to far.
+// Which Gaussians each tile draws, near to far.
 #pragma once
 
 #include "frame.hpp"
 
 namespace aa4d {
 
-// Needs frame.splats, boxes and depth_keys. Fills frame.slots, tile_begin and entries, and clears the radius of a
-// Gaussian whose box touches the image but whose ellipse does not.
-void sort_into_tiles(Frame& frame, std::int32_t* radii, int threads);
+// The tiles that each Gaussian of a chunk, [begin, end), touches. One that touches none is no longer seen: its radius
+// becomes zero.
+void find_tiles(Frame& frame, std::size_t begin, std::size_t end, std::int32_t* radii);
+
+// Fills tile_begin and entries from what find_tiles() found.
+void sort_into_tiles(Frame& frame, int threads);
 
 }  // namespace aa4d

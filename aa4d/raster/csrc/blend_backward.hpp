@@ -10,34 +10,62 @@
 
 namespace aa4d::AA4D_ARCH {
 
-// Where each block's contributions end: nothing from that place on concerns it.
-struct BlockEnds {
-  alignas(64) std::int32_t place[kTileBlocks];
-  std::int32_t quarter_place[kTileQuarters] = {};
-  std::int32_t last = 0;  // of the whole tile
-
-  explicit BlockEnds(const std::int32_t* pixel_end) {
+// A run of a tile's list, from a place towards the viewer, and the blocks that each of it adds to.
+class BackwardBatch {
+ public:
+  explicit BackwardBatch(const BackwardTile& tile) : list_(tile.list) {
     for (int b = 0; b < kTileBlocks; ++b) {
       std::int32_t end = 0;
-      for (int p = b * kBlockPixels; p < (b + 1) * kBlockPixels; ++p) end = pixel_end[p] > end ? pixel_end[p] : end;
-      place[b] = end;
-      std::int32_t& quarter = quarter_place[b / kQuarterBlocks];
-      quarter = end > quarter ? end : quarter;
-      last = end > last ? end : last;
+      for (int p = b * kBlockPixels; p < (b + 1) * kBlockPixels; ++p) {
+        end = tile.pixel_end[p] > end ? tile.pixel_end[p] : end;
+      }
+      block_end_[b] = end;
+      last_ = end > last_ ? end : last_;
     }
+    for (std::int32_t i = 0; i < kPrefetch && i < last_; ++i) prefetch(last_ - 1 - i);
   }
 
-  bool any(const TileEntry& entry, int quarter, std::int64_t at) const {
-    return (entry.blocks[quarter] != 0) & (quarter_place[quarter] > at);
-  }
-  // Those that the forward pass found, as far as they have contributions at or behind a place.
-  std::uint32_t blocks(const TileEntry& entry, int quarter, std::int64_t at, const Splat&, int, int) const {
-    std::uint32_t open = 0;
-    for (int i = 0; i < kQuarterBlocks; i += Float::kWidth) {
-      open |= bits(above(place + quarter * kQuarterBlocks + i, static_cast<std::int32_t>(at))) << i;
+  // One past the place of the tile's last contribution.
+  std::int32_t last() const { return last_; }
+
+  // Takes entries from the one before `end` on. Returns how many.
+  int fill(std::int32_t end) {
+    const int taken = end < kSplats ? end : kSplats;
+    int items = 0;
+    for (int e = 0; e < taken; ++e) {
+      const std::int32_t place = end - 1 - e;
+      if (place >= kPrefetch) prefetch(place - kPrefetch);
+      views_[e].look(list_, place);
+      // Those that the forward pass found, as far as they have contributions at or behind this place.
+      std::uint64_t open = 0;
+      for (int i = 0; i < kTileBlocks; i += Float::kWidth) {
+        open |= static_cast<std::uint64_t>(bits(above(block_end_ + i, place))) << i;
+      }
+      const std::uint64_t blocks = list_.blocks[place] & open;
+      for (int i = 0; i < kTileBlocks; i += 16) {
+        items += append_lanes(static_cast<std::uint32_t>(blocks >> i) & 0xffff, i, blocks_ + items);
+      }
+      ends_[e + 1] = items;
     }
-    return entry.blocks[quarter] & open;
+    return taken;
   }
+
+  const SplatView& view(int e) const { return views_[e]; }
+  const std::uint32_t* begin(int e) const { return blocks_ + ends_[e]; }
+  const std::uint32_t* end(int e) const { return blocks_ + ends_[e + 1]; }
+
+ private:
+  static constexpr int kSplats = 32;
+  static constexpr std::int32_t kPrefetch = 48;  // entries ahead: a tile's list points all over the splats
+
+  void prefetch(std::int32_t place) const { __builtin_prefetch(&list_.splats[list_.entries[place].gaussian]); }
+
+  const TileList list_;
+  alignas(64) std::int32_t block_end_[kTileBlocks];  // nothing from that place on concerns the block
+  std::int32_t last_ = 0;
+  SplatView views_[kSplats];
+  std::uint32_t blocks_[kSplats * kTileBlocks + 16];  // with room for the appending store
+  int ends_[kSplats + 1] = {};
 };
 
 // kExtras: whether there is more than the gradient of colour: depth, features, absolute sums.
@@ -45,19 +73,18 @@ template <bool kExtras>
 std::uint32_t backward_tile(const BackwardTile& tile) {
   const TileList& list = tile.list;
   const Float cutoff(tile.log2_min_alpha), max_alpha(static_cast<float>(kMaxAlpha)), one(1.0f), zero(0.0f);
-  const BlockEnds ends(tile.pixel_end);
   alignas(64) float sum_features[kExtras ? kMaxFeatures : 1][Float::kWidth];
   // Copies, because the compiler must assume that a store of pixels changes what the tile points to.
   const float *const g_reds = tile.color[0], *const g_greens = tile.color[1], *const g_blues = tile.color[2];
   float *const transmittances = tile.transmittance, *const behinds = tile.behind;
   const std::int32_t* const pixel_ends = tile.pixel_end;
-  Batch batch;
-  Batch::prefetch_first(list, ends.last - 1, -1, ends.last);
+  BackwardBatch batch(tile);
 
-  for (std::int64_t left = ends.last; left > 0;) {
-    const int taken = batch.fill(list, left - 1, -1, left, ends);
+  for (std::int32_t left = batch.last(); left > 0;) {
+    const int taken = batch.fill(left);
     for (int e = 0; e < taken; ++e) {
-      const std::int32_t place = static_cast<std::int32_t>(left - 1 - e);
+      const SplatView& view = batch.view(e);
+      const std::int32_t place = left - 1 - e;
       const std::size_t slot = list.entries[place].slot;
       Float sum_red = zero, sum_green = zero, sum_blue = zero, sum_depth = zero;
       Float sum_v = zero, sum_vu = zero, sum_vw = zero, sum_vuu = zero, sum_vuw = zero, sum_vww = zero;
@@ -66,11 +93,10 @@ std::uint32_t backward_tile(const BackwardTile& tile) {
         for (int c = 0; c < list.feature_count; ++c) zero.store(sum_features[c]);
       }
 
-      for (const BlockItem* item = batch.begin(e); item != batch.end(e); ++item) {
-        const QuarterView& view = batch.view(*item);
+      for (const std::uint32_t* block = batch.begin(e); block != batch.end(e); ++block) {
         for (int k = 0; k < kBlockPixels; k += Float::kWidth) {
-          const int p = item->block() * kBlockPixels + k;
-          const Float u = view.u(item->quarter_block(), k), w = view.w(item->quarter_block(), k);
+          const int p = static_cast<int>(*block) * kBlockPixels + k;
+          const Float y = Float::load(kGrid.pixel_y + p), u = view.u(Float::load(kGrid.pixel_x + p), y), w = view.w(y);
           const Float exponent = view.log2_alpha(u, w);
           const Float unclamped = exp2_nonpositive(exponent);
           const Mask adds = (exponent >= cutoff) & above(pixel_ends + p, place);
@@ -137,7 +163,7 @@ std::uint32_t backward_tile(const BackwardTile& tile) {
     }
     left -= taken;
   }
-  return ends.last;
+  return static_cast<std::uint32_t>(batch.last());
 }
 
 }  // namespace aa4d::AA4D_ARCH

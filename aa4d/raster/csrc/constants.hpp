@@ -10,16 +10,17 @@ inline constexpr double kMinQuaternionNorm = 1e-12;  // a shorter quaternion tur
 inline constexpr double kMinCompensation = 0.005;  // of the antialiased mode
 
 inline constexpr int kMaxFeatures = 32;
+inline constexpr int kMaxSide = 1 << 20;  // px; tiles are counted in 16 bits along each side
 
-// A tile is what one thread draws at a time; its quarters are tested against a Gaussian block by block.
-inline constexpr int kTileSize = 32;     // px
-inline constexpr int kQuarterSize = 16;  // px
-inline constexpr int kBlockSize = 4;     // px
+// A tile is what one thread draws at a time; a Gaussian adds to some of its blocks.
+inline constexpr int kTileSize = 32;    // px
+inline constexpr int kBlockSize = 4;    // px
+inline constexpr int kBlockPixels = 16;  // one AVX-512 register holds the pixels of a block
+inline constexpr int kRowBlocks = kTileSize / kBlockSize;
+inline constexpr int kTileBlocks = kRowBlocks * kRowBlocks;  // one bit each in 64
 inline constexpr int kTilePixels = kTileSize * kTileSize;
-inline constexpr int kTileQuarters = 4;
-inline constexpr int kQuarterBlocks = 16;  // one AVX-512 register tests all blocks of a quarter
-inline constexpr int kBlockPixels = 16;    // and one holds all pixels of a block
-inline constexpr int kGroupQuarters = 16;  // and one tests 2x2 tiles quarter by quarter
-inline constexpr int kTileBlocks = kTileQuarters * kQuarterBlocks;
+inline constexpr int kGroupSize = 4;   // tiles
+inline constexpr int kGroupTiles = 16;  // one AVX-512 register tests a group of tiles
+static_assert(kTileBlocks == 64 && kRowBlocks == 8 && kMaxSide / kTileSize < 1 << 16);
 
 }  // namespace aa4d

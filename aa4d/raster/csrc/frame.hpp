@@ -26,8 +26,8 @@ struct alignas(64) Splat {
 };
 static_assert(sizeof(Splat) == 64);
 
-// The quarters of tiles that the box around a splat's ellipse touches: columns [x_begin, x_end), rows likewise.
-struct QuarterBox {
+// The tiles that the box around a splat's ellipse touches: columns [x_begin, x_end), rows likewise.
+struct TileBox {
   std::uint16_t x_begin, x_end, y_begin, y_end;
 };
 
@@ -43,21 +43,14 @@ static_assert(sizeof(SplatGradient) == 64);
 
 // A Gaussian in the depth-ordered list of a tile.
 struct TileEntry {
-  std::uint32_t gaussian : 28;
-  std::uint32_t quarters : 4;  // one bit for each quarter of the tile that it reaches
-  std::uint32_t slot;          // the place of this pair's gradient
-  std::uint16_t blocks[4];     // of each quarter, one bit for each block that it may add to; the forward pass finds them
+  std::uint32_t gaussian;
+  std::uint32_t slot;  // the place of this pair's gradient
 };
 inline constexpr std::size_t kMaxGaussians = std::size_t{1} << 28;
 
 // The slots of one Gaussian.
 struct SlotRange {
   std::uint32_t begin, end;
-};
-
-struct TouchedTile {
-  std::uint32_t tile : 28;
-  std::uint32_t quarters : 4;
 };
 
 // Gaussians are worked on in chunks of this size, whatever the number of threads: sums over chunks keep their order.
@@ -72,19 +65,20 @@ struct Frame {
   Buffer<SlotRange> slots;            // [N]
   Buffer<std::uint32_t> tile_begin;   // [tiles + 1]
   Buffer<TileEntry> entries;          // [slots], tile by tile, near to far
-  // [tiles * 1024], quarter by quarter and block by block:
+  Buffer<std::uint64_t> blocks;       // [slots] of each entry, one bit for each block of its tile that it may add to
+  // [tiles * 1024], block by block:
   Buffer<float> transmittance;        // behind the last contribution
   Buffer<std::int32_t> pixel_end;     // one past the place in the tile's list of the last contribution
   Buffer<float> weight;               // sum of the weights; filled when depth was asked for
 
   // Scratch, of no use once the call that filled it has returned.
-  Buffer<QuarterBox> boxes;           // [N]
+  Buffer<TileBox> boxes;           // [N]
   Buffer<std::uint32_t> depth_keys;   // [N] bits of the depth, zero for what is not seen
   Buffer<std::uint64_t> order, order_other;  // seen Gaussians near to far: depth in the upper, index in the lower half
-  Buffer<std::uint32_t> touched_count;       // [seen] how many tiles each of them touches
-  std::vector<Buffer<TouchedTile>> touched;  // per chunk of that order: those tiles, one after another
-  Buffer<std::uint32_t> histogram;           // of digits while sorting, then of tiles for each chunk
-  Buffer<std::uint32_t> chunk_slots;         // each chunk's first slot
+  std::vector<Buffer<std::uint32_t>> touched;  // per chunk: the tiles that its Gaussians touch, one after another
+  Buffer<std::uint32_t> chunk_slots;  // each chunk's first slot
+  Buffer<std::uint32_t> slot_tiles;   // [slots] all chunks' touched tiles
+  Buffer<std::uint32_t> histogram;    // of digits while sorting, then of tiles, for each part of the order
   Buffer<SplatGradient> gradients;    // [slots]
   Buffer<float> feature_gradients;    // [slots, F]
   Buffer<double> partial_sums;        // per tile or chunk

@@ -1,24 +1,25 @@
-// Sixteen things in four rows of four: the pixels of a block, the blocks of a quarter, the quarters of a group of tiles.
+// Where things lie that are worked on side by side: the pixels of a tile, and the tiles of a group of four by four.
 #pragma once
 
 #include "simd.hpp"
 
 namespace aa4d::AA4D_ARCH {
 
-static_assert(kBlockPixels == 16 && kQuarterBlocks == 16 && kGroupQuarters == 16);
-
 struct Grid {
-  alignas(64) float column[16], row[16];
-  alignas(64) float block_x[16], block_y[16];  // centre of a block's first pixel, from the quarter's corner
+  alignas(64) float pixel_x[kTilePixels], pixel_y[kTilePixels];  // centres, from the tile's centre
+  alignas(64) float tile_x[kGroupTiles], tile_y[kGroupTiles];    // the first pixel's centre, from the group's corner
 };
 
 inline constexpr Grid make_grid() {
   Grid grid{};
-  for (int i = 0; i < 16; ++i) {
-    grid.column[i] = i % 4;
-    grid.row[i] = i / 4;
-    grid.block_x[i] = kBlockSize * (i % 4) + 0.5f;
-    grid.block_y[i] = kBlockSize * (i / 4) + 0.5f;
+  for (int i = 0; i < kTilePixels; ++i) {
+    const int block = i / kBlockPixels, pixel = i % kBlockPixels;
+    grid.pixel_x[i] = block % kRowBlocks * kBlockSize + pixel % kBlockSize + 0.5f - kTileSize / 2;
+    grid.pixel_y[i] = block / kRowBlocks * kBlockSize + pixel / kBlockSize + 0.5f - kTileSize / 2;
+  }
+  for (int i = 0; i < kGroupTiles; ++i) {
+    grid.tile_x[i] = i % kGroupSize * kTileSize + 0.5f;
+    grid.tile_y[i] = i / kGroupSize * kTileSize + 0.5f;
   }
   return grid;
 }

@@ -6,7 +6,7 @@
 #include "blend_forward.hpp"
 #include "projection.hpp"
 #include "projection_backward.hpp"
-#include "touched_quarters.hpp"
+#include "touched_tiles.hpp"
 
 namespace aa4d::AA4D_ARCH {
 
@@ -19,7 +19,7 @@ inline std::uint32_t backward(const BackwardTile& tile) {
 }
 
 inline constexpr Kernels kKernels = {
-    AA4D_ARCH_NAME, &project,     &touched_quarters,   &project_backward,    &forward,
+    AA4D_ARCH_NAME, &project,     &touched_tiles,   &project_backward,    &forward,
     &backward,      &count_pairs, &forward_arithmetic, &backward_arithmetic,
 };
 

@@ -1,5 +1,5 @@
-// What the kernels of one instruction set offer, and the plain data they work on. A tile's pixels are stored quarter by
-// quarter, block by block (4x4 pixels, row by row within a block), so that one AVX-512 register holds one block.
+// What the kernels of one instruction set offer, and the plain data they work on. A tile's pixels are stored block by
+// block (4x4 pixels, row by row within a block), so that one AVX-512 register holds one block.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,8 @@ namespace aa4d {
 
 struct TileList {
   const Splat* splats;
-  TileEntry* entries;        // near to far
+  const TileEntry* entries;  // near to far
+  std::uint64_t* blocks;     // of each entry; the forward pass finds them
   std::uint32_t count;
   int x, y;  // the tile's first pixel
   const float* features;     // [N, F] or null
@@ -22,7 +23,7 @@ struct ForwardTile {
   TileList list;
   int pixels_x, pixels_y;      // how much of the tile lies inside the image
   float log2_min_alpha, min_transmittance;
-  float* transmittance;        // in: one (zero outside the image); out: what is left, negative where finished early
+  float* transmittance;        // in: one (zero outside the image); out: what is left behind the last contribution
   std::int32_t* pixel_end;     // in: zero; out: one past the place of the last contribution
   float* color[3];             // in: zero, as all that follow
   float* depth;                // sum of w z; null when it is not wanted
@@ -57,10 +58,10 @@ inline constexpr int kPoseSums = 12;  // dL/d(rotation) row by row, dL/d(transla
 
 struct Kernels {
   const char* name;
-  // Fills splats, boxes, depth_keys and slots (with none) of the range, and radii; false if a Gaussian is not finite, which leaves it out.
+  // Fills splats, boxes and depth_keys of the range, and radii; false if a Gaussian is not finite, which leaves it out.
   bool (*project)(const ProjectionRange&, Frame& frame, std::int32_t* radii);
-  // The quarters of a group of 4x4, whose first one is given, that a splat touches: one bit each, row by row.
-  std::uint32_t (*touched_quarters)(const Splat&, const CameraModel&, int column, int row);
+  // The tiles of a group of 4x4, whose first one is given, that a splat touches: one bit each, row by row.
+  std::uint32_t (*touched_tiles)(const Splat&, const CameraModel&, int column, int row);
   // Sums gradients over each Gaussian's slots and carries them to the inputs; `pose` [kPoseSums] may be null.
   void (*project_backward)(const ProjectionRange&, const Frame&, const SceneGradient&, double* pose);
   void (*forward_tile)(const ForwardTile&);

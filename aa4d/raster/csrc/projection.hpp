@@ -125,18 +125,18 @@ struct Projection {
   Doubles undilated_det() const { return cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]; }
 };
 
-// The quarters of tiles whose pixel centres lie within `half` of a coordinate, [begin, end) clipped to the image's `pixels`.
-struct QuarterSpan {
+// The tiles that have pixel centres within `half` of a coordinate, [begin, end) clipped to the image's `pixels`.
+struct TileSpan {
   Doubles begin, end;
 
-  QuarterSpan(Doubles center, Doubles half, int pixels) {
+  TileSpan(Doubles center, Doubles half, int pixels) {
     constexpr double kSlack = 0.01;  // px, for the rounding of the blending's own test
     const Doubles low = larger(center - half - kSlack, splat(0.5)), high = smaller(center + half + kSlack, splat(pixels - 0.5));
     const Longs empty = low > high;
-    begin = select(empty, splat(0), round_down((low - 0.5) * (1.0 / kQuarterSize)));
-    end = select(empty, splat(0), round_down((high - 0.5) * (1.0 / kQuarterSize)) + 1);
-    // A quarter's pixel centres end half a pixel before the next one's begin: one that `low` has passed is not touched.
-    begin = select(low > begin * kQuarterSize + (kQuarterSize - 0.5), begin + 1, begin);
+    begin = select(empty, splat(0), round_down((low - 0.5) * (1.0 / kTileSize)));
+    end = select(empty, splat(0), round_down((high - 0.5) * (1.0 / kTileSize)) + 1);
+    // A tile's pixel centres end half a pixel before the next one's begin: one that `low` has passed is not touched.
+    begin = select(low > begin * kTileSize + (kTileSize - 0.5), begin + 1, begin);
   }
 };
 
@@ -160,7 +160,7 @@ inline bool project(const ProjectionRange& range, Frame& frame, std::int32_t* ra
     const Doubles log2_opacity = log2_positive(select(p.visible, p.opacity * p.compensation, splat(1)));
     const Doubles reach = log2_opacity - log2_min_alpha;
     const Doubles reach2 = kUnwhitening * reach;  // d^T cov^-1 d at the cut-off
-    const QuarterSpan columns(x, square_root(reach2 * p.cov_xx), cam.width), rows(y, square_root(reach2 * p.cov_yy), cam.height);
+    const TileSpan columns(x, square_root(reach2 * p.cov_xx), cam.width), rows(y, square_root(reach2 * p.cov_yy), cam.height);
     const Doubles middle = 0.5 * (p.cov_xx + p.cov_yy), difference = 0.5 * (p.cov_xx - p.cov_yy);
     const Doubles largest = middle + square_root(difference * difference + p.cov_xy * p.cov_xy);
     const Doubles radius = smaller(square_root(reach2 * largest), splat(1e9));
@@ -171,7 +171,6 @@ inline bool project(const ProjectionRange& range, Frame& frame, std::int32_t* ra
       const std::size_t g = begin + i;
       const bool finite = p.finite[i] && features_are_finite(scene, g);
       all_finite &= finite;
-      frame.slots[g] = {0, 0};
       frame.depth_keys[g] = 0;
       radii[g] = 0;
       if (!finite || !seen[i]) continue;

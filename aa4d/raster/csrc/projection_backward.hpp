@@ -12,12 +12,6 @@ struct SplatSums {
 
   void gather(const Frame& frame, std::size_t begin, std::size_t end) {
     constexpr int kFields = sizeof(SplatGradient) / sizeof(float);
-    constexpr std::size_t kPrefetch = 2 * kLanes;  // Gaussians ahead: their gradients lie in the order of depth
-    for (std::size_t g = begin + kPrefetch; g < begin + kPrefetch + kLanes && g < end; ++g) {
-      for (std::uint32_t slot = frame.slots[g].begin; slot < frame.slots[g].end; ++slot) {
-        __builtin_prefetch(&frame.gradients[slot]);
-      }
-    }
     alignas(64) double sums[kLanes][kFields] = {};
     for (int i = 0; i < kLanes; ++i) {
       const std::size_t g = begin + i;

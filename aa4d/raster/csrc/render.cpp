@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <cstdlib>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 
@@ -14,21 +15,25 @@
 namespace aa4d {
 namespace {
 
-// One value for each pixel of a tile, in the kernels' order: quarter by quarter, block by block.
+// One value for each pixel of a tile, in the kernels' order: block by block.
 struct alignas(64) Plane {
   float pixel[kTilePixels];
 };
 
-// One value for each pixel of a row of a tile, from left to right.
+// One value for each pixel of a row of a tile, from left to right. Loops over a row run to its end, even where the image
+// ends before: a loop of known length is the one that compilers turn into vectors.
 struct alignas(64) Row {
   float pixel[kTileSize];
 };
 
+// The colours of those pixels.
+struct alignas(64) ColorRow {
+  float value[3 * kTileSize];
+};
+
 // The part of a plane that holds pixels [x, x + kBlockSize) of row y; x is a multiple of kBlockSize.
 constexpr int place_in_plane(int x, int y) {
-  const int quarter = y / kQuarterSize * 2 + x / kQuarterSize;
-  const int block = y % kQuarterSize / kBlockSize * (kQuarterSize / kBlockSize) + x % kQuarterSize / kBlockSize;
-  return (quarter * kQuarterBlocks + block) * kBlockPixels + y % kBlockSize * kBlockSize;
+  return (y / kBlockSize * kRowBlocks + x / kBlockSize) * kBlockPixels + y % kBlockSize * kBlockSize;
 }
 
 void read_row(const float* plane, int y, Row& row) {
@@ -57,6 +62,7 @@ TileList list_of(const Scene& scene, Frame& frame, std::size_t tile) {
   TileList list;
   list.splats = frame.splats.data();
   list.entries = frame.entries.data() + frame.tile_begin[tile];
+  list.blocks = frame.blocks.data() + frame.tile_begin[tile];
   list.count = frame.tile_begin[tile + 1] - frame.tile_begin[tile];
   list.x = static_cast<int>(tile % frame.tiles_x) * kTileSize;
   list.y = static_cast<int>(tile / frame.tiles_x) * kTileSize;
@@ -95,17 +101,18 @@ void draw_tile(const Scene& scene, const Settings& settings, Frame& frame, std::
   work.features = features[0].pixel;
   kernels().forward_tile(work);
 
-  for (int i = 0; i < kTilePixels; ++i) transmittance[i] = std::fabs(transmittance[i]);
   for (int y = 0; y < window.height; ++y) {
     const std::size_t first = window.place(frame, y);
     Row left, values[3], sum;
+    ColorRow blended;
     read_row(transmittance, y, left);
     for (int k = 0; k < 3; ++k) read_row(color[k].pixel, y, values[k]);
-    float* const out = image.color + 3 * first;
-    for (int x = 0; x < window.width; ++x) {
-      for (int k = 0; k < 3; ++k) out[3 * x + k] = values[k].pixel[x] + left.pixel[x] * scene.background[k];
-      image.alpha[first + x] = 1 - left.pixel[x];
+    for (int x = 0; x < kTileSize; ++x) {
+      for (int k = 0; k < 3; ++k) blended.value[3 * x + k] = values[k].pixel[x] + left.pixel[x] * scene.background[k];
     }
+    for (int x = 0; x < kTileSize; ++x) left.pixel[x] = 1 - left.pixel[x];
+    std::copy_n(blended.value, 3 * window.width, image.color + 3 * first);
+    std::copy_n(left.pixel, window.width, image.alpha + first);
     if (image.depth) {
       read_row(depth.pixel, y, values[0]);
       read_row(weight, y, sum);
@@ -126,23 +133,30 @@ void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, s
   Plane color[3], depth, depth_value, behind, transmittance, features[kMaxFeatures];
   const float* const left = frame.transmittance.data() + tile * kTilePixels;
   std::copy_n(left, kTilePixels, transmittance.pixel);
-  double background[3] = {};
+  constexpr int kSums = 8;  // side by side
+  double background[3][kSums] = {};
   const TileWindow window(frame, tile);
   for (int y = 0; y < kTileSize; ++y) {
     // Outside the image every gradient is zero.
     const std::size_t first = window.place(frame, y);
     const int width = y < window.height ? window.width : 0;
-    Row row_left, values[3] = {}, row_behind = {};
+    Row row_left, values[3], row_behind = {};
+    ColorRow gradient = {};
     read_row(left, y, row_left);
-    for (int x = 0; x < width; ++x) {
-      float sum = image.alpha ? -image.alpha[first + x] : 0;
-      for (int k = 0; k < 3 && image.color; ++k) {
-        const float g = image.color[3 * (first + x) + k];
-        values[k].pixel[x] = g;
-        sum += scene.background[k] * g;
-        background[k] += static_cast<double>(row_left.pixel[x]) * g;
-      }
+    if (image.alpha) std::copy_n(image.alpha + first, width, row_behind.pixel);
+    if (image.color) std::copy_n(image.color + 3 * first, 3 * width, gradient.value);
+    for (int x = 0; x < kTileSize; ++x) {
+      for (int k = 0; k < 3; ++k) values[k].pixel[x] = gradient.value[3 * x + k];
+    }
+    for (int x = 0; x < kTileSize; ++x) {
+      float sum = -row_behind.pixel[x];
+      for (int k = 0; k < 3; ++k) sum += scene.background[k] * values[k].pixel[x];
       row_behind.pixel[x] = row_left.pixel[x] * sum;
+    }
+    for (int k = 0; k < 3; ++k) {
+      for (int x = 0; x < kTileSize; ++x) {
+        background[k][x % kSums] += static_cast<double>(row_left.pixel[x]) * values[k].pixel[x];
+      }
     }
     for (int k = 0; k < 3; ++k) write_row(values[k], y, color[k].pixel);
     write_row(row_behind, y, behind.pixel);
@@ -163,7 +177,9 @@ void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, s
       write_row(gradient, y, features[k].pixel);
     }
   }
-  std::copy_n(background, 3, frame.partial_sums.data() + 3 * tile);
+  for (int k = 0; k < 3; ++k) {
+    frame.partial_sums[3 * tile + k] = std::accumulate(background[k], background[k] + kSums, 0.0);
+  }
 
   BackwardTile work;
   work.list = list_of(scene, frame, tile);
@@ -233,14 +249,17 @@ FramePtr render(const Scene& scene, const CameraModel& camera, const Settings& s
   frame->boxes.resize_discarding(scene.count);
   frame->depth_keys.resize_discarding(scene.count);
   frame->slots.resize_discarding(scene.count);
+  frame->touched.resize(std::max(frame->touched.size(), frame->chunks()));
   std::atomic<bool> finite = true;
   parallel_for(settings.threads, frame->chunks(), [&](std::size_t chunk) {
     const ProjectionRange range = chunk_range(scene, *frame, settings, chunk);
     if (!kernels().project(range, *frame, radii)) finite = false;
+    find_tiles(*frame, range.begin, range.end, radii);
   });
   if (!finite && !settings.mask_invalid) return nullptr;
-  sort_into_tiles(*frame, radii, settings.threads);
+  sort_into_tiles(*frame, settings.threads);
 
+  frame->blocks.resize_discarding(frame->entries.size());
   const std::size_t tiles = frame->tiles();
   frame->transmittance.resize_discarding(tiles * kTilePixels);
   frame->pixel_end.resize_discarding(tiles * kTilePixels);
@@ -280,7 +299,7 @@ std::uint64_t count_pairs(const Settings& settings, Frame& frame) {
   for (std::size_t tile = 0; tile < static_cast<std::size_t>(frame.tiles()); ++tile) {
     BackwardTile work{};
     work.list = list_of(Scene{}, frame, tile);
-      work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
+    work.log2_min_alpha = static_cast<float>(std::log2(settings.min_alpha));
     work.pixel_end = frame.pixel_end.data() + tile * kTilePixels;
     pairs += kernels().count_pairs(work);
   }

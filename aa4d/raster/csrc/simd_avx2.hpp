@@ -33,12 +33,11 @@ inline Mask operator<=(Float a, Float b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_
 inline Mask operator>=(Float a, Float b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GE_OQ)}; }
 inline Mask operator>(Float a, Float b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GT_OQ)}; }
 inline Mask operator&(Mask a, Mask b) { return {_mm256_and_ps(a.m, b.m)}; }
-inline Mask and_not(Mask a, Mask b) { return {_mm256_andnot_ps(b.m, a.m)}; }  // a and not b
 inline bool any(Mask a) { return _mm256_movemask_ps(a.m) != 0; }
 inline std::uint32_t bits(Mask a) { return static_cast<std::uint32_t>(_mm256_movemask_ps(a.m)); }
 inline Float select(Mask m, Float a, Float b) { return _mm256_blendv_ps(b.v, a.v, m.m); }
 inline Float zero_unless(Mask m, Float a) { return _mm256_and_ps(m.m, a.v); }
-inline Float negative_where(Mask m, Float a) { return _mm256_or_ps(a.v, _mm256_and_ps(m.m, _mm256_set1_ps(-0.0f))); }
+inline Float square_root(Float a) { return _mm256_sqrt_ps(a.v); }
 inline Float abs(Float a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), a.v); }
 inline float sum(Float a) {
   __m128 s = _mm_add_ps(_mm256_castps256_ps128(a.v), _mm256_extractf128_ps(a.v, 1));
@@ -51,6 +50,20 @@ inline int append_lanes(std::uint32_t mask, std::uint32_t base, std::uint32_t* o
   int count = 0;
   for (; mask != 0; mask &= mask - 1) out[count++] = base + __builtin_ctz(mask);
   return count;
+}
+
+// Bit i is set where words[i] has the one bit of `bit`; i below 16.
+inline std::uint32_t words_with(const std::uint64_t* words, std::uint64_t bit) {
+  std::uint32_t result = 0;
+  for (int i = 0; i < 16; ++i) result |= static_cast<std::uint32_t>((words[i] & bit) != 0) << i;
+  return result;
+}
+
+// Eight bytes, of which byte i has its lowest counts[i] bits set.
+inline std::uint64_t low_bits(const float* counts) {
+  std::uint64_t result = 0;
+  for (int i = 0; i < 8; ++i) result |= ((std::uint64_t{1} << static_cast<int>(counts[i])) - 1) << 8 * i;
+  return result;
 }
 
 // out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0.

@@ -33,12 +33,11 @@ inline Mask operator<=(Float a, Float b) { return {_mm512_cmp_ps_mask(a.v, b.v, 
 inline Mask operator>=(Float a, Float b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GE_OQ)}; }
 inline Mask operator>(Float a, Float b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GT_OQ)}; }
 inline Mask operator&(Mask a, Mask b) { return {static_cast<__mmask16>(a.m & b.m)}; }
-inline Mask and_not(Mask a, Mask b) { return {static_cast<__mmask16>(a.m & ~b.m)}; }  // a and not b
 inline bool any(Mask a) { return a.m != 0; }
 inline std::uint32_t bits(Mask a) { return a.m; }
 inline Float select(Mask m, Float a, Float b) { return _mm512_mask_blend_ps(m.m, b.v, a.v); }
 inline Float zero_unless(Mask m, Float a) { return _mm512_maskz_mov_ps(m.m, a.v); }
-inline Float negative_where(Mask m, Float a) { return _mm512_mask_or_ps(a.v, m.m, a.v, _mm512_set1_ps(-0.0f)); }
+inline Float square_root(Float a) { return _mm512_sqrt_ps(a.v); }
 inline Float abs(Float a) { return _mm512_abs_ps(a.v); }
 inline float sum(Float a) { return _mm512_reduce_add_ps(a.v); }
 
@@ -48,6 +47,20 @@ inline int append_lanes(std::uint32_t mask, std::uint32_t base, std::uint32_t* o
   const __m512i all = _mm512_add_epi32(lanes, _mm512_set1_epi32(static_cast<int>(base)));
   _mm512_storeu_si512(out, _mm512_maskz_compress_epi32(static_cast<__mmask16>(mask), all));
   return __builtin_popcount(mask);
+}
+
+// Bit i is set where words[i] has the one bit of `bit`; i below 16.
+inline std::uint32_t words_with(const std::uint64_t* words, std::uint64_t bit) {
+  const __m512i wanted = _mm512_set1_epi64(static_cast<long long>(bit));
+  const std::uint32_t low = _mm512_test_epi64_mask(_mm512_load_si512(words), wanted);
+  return low | static_cast<std::uint32_t>(_mm512_test_epi64_mask(_mm512_load_si512(words + 8), wanted)) << 8;
+}
+
+// Eight bytes, of which byte i has its lowest counts[i] bits set.
+inline std::uint64_t low_bits(const float* counts) {
+  const __m256i one = _mm256_set1_epi32(1), shift = _mm256_cvttps_epi32(_mm256_load_ps(counts));
+  const __m256i low = _mm256_sub_epi32(_mm256_sllv_epi32(one, shift), one);
+  return static_cast<std::uint64_t>(_mm_cvtsi128_si64(_mm256_cvtepi32_epi8(low)));
 }
 
 // out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0. Halves are added pairwise while they are

@@ -41,7 +41,6 @@ inline Mask operator<=(Float a, Float b) { return {a.v <= b.v}; }
 inline Mask operator>=(Float a, Float b) { return {a.v >= b.v}; }
 inline Mask operator>(Float a, Float b) { return {a.v > b.v}; }
 inline Mask operator&(Mask a, Mask b) { return {a.m & b.m}; }
-inline Mask and_not(Mask a, Mask b) { return {a.m & ~b.m}; }  // a and not b
 inline std::uint32_t bits(Mask a) {
   std::uint32_t result = 0;
   for (int i = 0; i < 4; ++i) result |= (a.m[i] & 1u) << i;
@@ -50,7 +49,9 @@ inline std::uint32_t bits(Mask a) {
 inline bool any(Mask a) { return (a.m[0] | a.m[1] | a.m[2] | a.m[3]) != 0; }
 inline Float select(Mask m, Float a, Float b) { return m.m ? a.v : b.v; }
 inline Float zero_unless(Mask m, Float a) { return Lanes(m.m & IntLanes(a.v)); }
-inline Float negative_where(Mask m, Float a) { return Lanes(IntLanes(a.v) | (m.m & IntLanes(Lanes{-0.0f, -0.0f, -0.0f, -0.0f}))); }
+inline Float square_root(Float a) {
+  return Lanes{__builtin_sqrtf(a.v[0]), __builtin_sqrtf(a.v[1]), __builtin_sqrtf(a.v[2]), __builtin_sqrtf(a.v[3])};
+}
 inline Float abs(Float a) { return Lanes(IntLanes(a.v) & 0x7fffffff); }
 inline float sum(Float a) { return (a.v[0] + a.v[2]) + (a.v[1] + a.v[3]); }
 // Writes base + i for every bit i of the mask, in order; returns how many. May write up to 16 places.
@@ -58,6 +59,20 @@ inline int append_lanes(std::uint32_t mask, std::uint32_t base, std::uint32_t* o
   int count = 0;
   for (; mask != 0; mask &= mask - 1) out[count++] = base + __builtin_ctz(mask);
   return count;
+}
+
+// Bit i is set where words[i] has the one bit of `bit`; i below 16.
+inline std::uint32_t words_with(const std::uint64_t* words, std::uint64_t bit) {
+  std::uint32_t result = 0;
+  for (int i = 0; i < 16; ++i) result |= static_cast<std::uint32_t>((words[i] & bit) != 0) << i;
+  return result;
+}
+
+// Eight bytes, of which byte i has its lowest counts[i] bits set.
+inline std::uint64_t low_bits(const float* counts) {
+  std::uint64_t result = 0;
+  for (int i = 0; i < 8; ++i) result |= ((std::uint64_t{1} << static_cast<int>(counts[i])) - 1) << 8 * i;
+  return result;
 }
 
 // out[k] = the sum of the lanes of values[k], for 12 values; out[12..15] = 0.

@@ -1,0 +1,57 @@
+"""What `aa4d ablate` and `aa4d sweep` have in common: arguments become trials, rows become printed tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.box import SIMPLE
+from rich.table import Table
+
+from aa4d.console import console, experiment_progress
+from aa4d.errors import InputError
+from aa4d.experiments.runner import run_experiment, trials_of
+from aa4d.experiments.tables import cells, columns_of, headings, lines_of
+from aa4d.experiments.variants import Experiment
+from aa4d.training.config import PRESETS, with_iterations
+
+WIDTH = 120
+
+
+def run(
+    experiment: Experiment,
+    captures: tuple[Path, ...],
+    out: Path,
+    *,
+    preset: str,
+    iterations: tuple[int, int] | None,
+    seeds: int,
+    jobs: int,
+) -> None:
+    """Raises InputError for a number that makes no sense, and what `run_experiment` raises."""
+    if not captures:
+        raise InputError(f"{experiment.name}: name at least one capture folder, made by `aa4d synth`")
+    for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--iterations", min(iterations or (1,)))):
+        if value < 1:
+            raise InputError(f"{name} {value}: must be at least 1")
+    config = PRESETS[preset]
+    if iterations is not None:
+        config = with_iterations(config, *iterations)
+    trials = trials_of(experiment, captures, out, config, seeds)
+    with experiment_progress() as bar:
+        rows = run_experiment(experiment, trials, out, jobs, bar)
+    columns = columns_of(rows)
+    lines = lines_of(experiment, rows)
+    for capture in dict.fromkeys(line.capture for line in lines):
+        table = Table(title=f"{experiment.title}: {capture}", box=SIMPLE, title_justify="left", padding=(0, 1, 0, 0))
+        for number, heading in enumerate(headings(columns)):
+            table.add_column(heading, justify="right" if number else "left", no_wrap=True)
+        for line in lines:
+            if line.capture == capture:
+                table.add_row(*cells(line, columns))
+        # In a narrow terminal or a log, lines that wrap are better than numbers cut short.
+        console.print(table, width=max(console.width, WIDTH), crop=False)
+    console.print(
+        f"{config.coarse_iterations} + {config.fine_iterations} iterations; ± is the standard deviation over seeds\n"
+        f"tables: {out / 'table.md'}, {out / 'table.csv'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
+        highlight=False,
+    )

@@ -1,0 +1,156 @@
+"""All trials of an experiment, some at a time; what is done stays done."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterable
+from dataclasses import replace
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Protocol
+
+from aa4d.errors import InputError, Interrupted
+from aa4d.experiments.tables import write_tables
+from aa4d.experiments.trial import Row, Trial, finished_row, stop, trial_process
+from aa4d.experiments.variants import Experiment
+from aa4d.files import make_folder
+from aa4d.training.config import TrainingConfig
+
+
+class Watcher(Protocol):
+    """Whoever shows how far it is."""
+
+    def start(self, trials: int, finished: int, iterations: int) -> None: ...
+    def trial_started(self, name: str) -> None: ...
+    def trial_at(self, name: str, iterations: int) -> None: ...
+    def trial_ended(self, name: str, sentence: str) -> None: ...
+
+
+def trials_of(
+    experiment: Experiment, captures: Iterable[Path], out: Path, config: TrainingConfig, seeds: int
+) -> list[Trial]:
+    """Seed by seed, so that a table of what is done so far compares like with like.
+
+    Raises:
+        InputError: two captures have one name.
+    """
+    folders = list(captures)
+    names = [folder.resolve().name for folder in folders]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{folders[names.index(name)]}: two captures are called {name!r}; rename a folder")
+    return [
+        Trial(
+            capture=folder.resolve(),
+            label=variant.label,
+            seed=seed,
+            config=replace(variant.config(config), seed=seed),
+            model=variant.model,
+            out=out / folder.resolve().name / variant.label.replace(" ", "-") / f"seed{seed}",
+        )
+        for seed in range(seeds)
+        for folder in folders
+        for variant in experiment.variants
+    ]
+
+
+def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs: int, watcher: Watcher) -> list[Row]:
+    """Run what has not been run, `jobs` trials at a time, and write the tables after each.
+
+    Raises:
+        InputError: a capture cannot be read, `out` holds other runs, or some trials failed (the others were run).
+        Interrupted: Ctrl-C; what was running is saved.
+    """
+    rows: dict[str, Row] = {}
+    waiting: list[Trial] = []
+    for trial in trials:
+        row = finished_row(trial)
+        if row is None:
+            waiting.append(trial)
+        else:
+            rows[trial.name] = row
+    make_folder(out)
+    watcher.start(len(trials), len(rows), sum(trial.iterations for trial in waiting))
+    # With one job torch chooses its threads; several jobs of one thread each get more done than one with several.
+    running = Processes(threads=1 if jobs > 1 else None)
+    failures: list[str] = []
+    try:
+        while waiting or running.trials:
+            while waiting and len(running.trials) < jobs:
+                trial = waiting.pop(0)
+                running.start(trial)
+                watcher.trial_started(trial.name)
+            for trial, kind, value in running.messages():
+                if kind == "done":
+                    watcher.trial_at(trial.name, int(value))  # type: ignore[call-overload]
+                    continue
+                if kind == "row" and isinstance(value, dict):
+                    rows[trial.name] = value
+                    write_tables(experiment, in_order(rows, trials), out)
+                    watcher.trial_at(trial.name, trial.iterations)
+                    watcher.trial_ended(trial.name, f"{float(value['psnr']):.2f} dB")
+                else:
+                    failures.append(str(value))
+                    watcher.trial_ended(trial.name, str(value))
+    except KeyboardInterrupt:
+        running.stop()
+        raise Interrupted(
+            f"stopped; {len(rows)} of {len(trials)} runs are done, and the same command continues"
+        ) from None
+    if rows:
+        write_tables(experiment, in_order(rows, trials), out)
+    if failures:
+        raise InputError(
+            f"{len(failures)} of {len(trials)} runs failed, the first so: {failures[0]}; the same command tries again"
+        )
+    return in_order(rows, trials)
+
+
+def in_order(rows: dict[str, Row], trials: list[Trial]) -> list[Row]:
+    return [rows[trial.name] for trial in trials if trial.name in rows]
+
+
+class Processes:
+    """The trials that run now, each in a process of its own."""
+
+    def __init__(self, threads: int | None) -> None:
+        self._threads = threads
+        # Not forked: torch's threads do not survive that.
+        self._context = multiprocessing.get_context("spawn")
+        self.trials: dict[Connection, tuple[Trial, BaseProcess]] = {}
+
+    def start(self, trial: Trial) -> None:
+        ours, theirs = self._context.Pipe(duplex=False)
+        process = self._context.Process(target=trial_process, args=(trial, self._threads, theirs))
+        process.start()
+        theirs.close()
+        self.trials[ours] = (trial, process)
+
+    def messages(self) -> Iterable[tuple[Trial, str, object]]:
+        """Wait for the next ones. A process that has said its last, or died, is gone afterwards."""
+        for connection in wait(list(self.trials)):
+            assert isinstance(connection, Connection)
+            trial, process = self.trials[connection]
+            try:
+                kind, value = connection.recv()
+            except EOFError:
+                process.join()
+                kind, value = "failed", f"{trial.out}: its process died (exit code {process.exitcode})"
+            if kind != "done":
+                process.join()
+                connection.close()
+                del self.trials[connection]
+            yield trial, kind, value
+
+    def stop(self) -> None:
+        """Let all of them save and end."""
+        for _, process in self.trials.values():
+            stop(process.pid)
+        for connection, (_, process) in self.trials.items():
+            try:
+                while connection.recv()[0] == "done":
+                    pass
+            except EOFError:
+                pass
+            process.join()

@@ -1,0 +1,145 @@
+"""Rows of trials become tables: every run, mean and spread over seeds, and a picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from aa4d.experiments.trial import Row
+from aa4d.experiments.variants import Experiment
+from aa4d.files import whole_file, write_text
+
+
+@dataclass(frozen=True)
+class Column:
+    """A metric as a table shows it."""
+
+    key: str
+    title: str
+    digits: int
+
+
+def columns_of(rows: list[Row]) -> list[Column]:
+    """Quality first, then cost; only what was measured."""
+    measured = {key for row in rows for key in row}
+    lpips = sorted(key for key in measured if key.startswith("lpips."))
+    known = [
+        Column("psnr", "PSNR", 2),
+        Column("psnr_dynamic", "Dyn-PSNR", 2),
+        Column("ssim", "SSIM", 4),
+        *(Column(key, f"LPIPS {key.removeprefix('lpips.')}", 4) for key in lpips),
+        Column("training_seconds", "seconds", 0),
+    ]
+    return [column for column in known if column.key in measured]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Over seeds: mean and sample standard deviation (None for a single one)."""
+
+    mean: float
+    deviation: float | None
+    count: int
+
+    @staticmethod
+    def of(values: list[float]) -> Spread:
+        return Spread(statistics.fmean(values), statistics.stdev(values) if len(values) > 1 else None, len(values))
+
+    def text(self, digits: int, *, signed: bool = False) -> str:
+        mean = f"{self.mean:{'+' if signed else ''}.{digits}f}"
+        return mean if self.deviation is None else f"{mean} ±{self.deviation:.{digits}f}"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A variant on a capture. `gain_db`: PSNR over the first variant's, seed by seed; None where no seed has both."""
+
+    capture: str
+    variant: str
+    seeds: int
+    spreads: dict[str, Spread]  # by the key of the column
+    gain_db: Spread | None
+
+
+def lines_of(experiment: Experiment, rows: list[Row]) -> list[Line]:
+    """One for each capture and variant that has been run, in the experiment's order."""
+    first = experiment.variants[0].label
+    lines = []
+    for capture in dict.fromkeys(str(row["capture"]) for row in rows):
+        by_seed = {row["seed"]: row for row in rows if row["capture"] == capture and row["variant"] == first}
+        for variant in experiment.variants:
+            here = [row for row in rows if row["capture"] == capture and row["variant"] == variant.label]
+            if not here:
+                continue
+            spreads = {
+                column.key: Spread.of([float(row[column.key]) for row in here if column.key in row])
+                for column in columns_of(here)
+            }
+            gains = [float(row["psnr"]) - float(by_seed[row["seed"]]["psnr"]) for row in here if row["seed"] in by_seed]
+            lines.append(Line(capture, variant.label, len(here), spreads, Spread.of(gains) if gains else None))
+    return lines
+
+
+def cells(line: Line, columns: list[Column]) -> list[str]:
+    """A line as text: variant, seeds, the columns, the gain."""
+    values = [line.spreads[c.key].text(c.digits) if c.key in line.spreads else "" for c in columns]
+    return [line.variant, str(line.seeds), *values, "" if line.gain_db is None else line.gain_db.text(2, signed=True)]
+
+
+def headings(columns: list[Column]) -> list[str]:
+    return ["", "seeds", *(column.title for column in columns), "PSNR gain"]
+
+
+def write_tables(experiment: Experiment, rows: list[Row], out: Path) -> None:
+    """rows.csv (every run, every number), table.csv and table.md (mean ± spread) and plot.png, each whole."""
+    columns, lines = columns_of(rows), lines_of(experiment, rows)
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    write_text(out / "rows.csv", _csv([keys, *([str(row.get(key, "")) for key in keys] for row in rows)]))
+    table = [["capture", *headings(columns)], *([line.capture, *cells(line, columns)] for line in lines)]
+    write_text(out / "table.csv", _csv(table))
+    rule = ["---"] * len(table[0])
+    markdown = "\n".join(f"| {' | '.join(row)} |" for row in [table[0], rule, *table[1:]])
+    write_text(out / "table.md", f"{experiment.title}\n\n{markdown}\n")
+    _plot(experiment, rows, out / "plot.png")
+
+
+def _csv(rows: list[list[str]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def _plot(experiment: Experiment, rows: list[Row], path: Path) -> None:
+    """Every seed a dot, the mean a bar across: PSNR and, where there is truth, that of moving pixels."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    shown = [column for column in columns_of(rows) if column.key in ("psnr", "psnr_dynamic")]
+    captures = list(dict.fromkeys(str(row["capture"]) for row in rows))
+    labels = [variant.label for variant in experiment.variants]
+    figure = Figure(figsize=(2.5 + 1.3 * len(labels), 3.2 * len(shown)), layout="constrained")
+    FigureCanvasAgg(figure)
+    place: Callable[[str], int] = labels.index
+    for number, column in enumerate(shown):
+        axes = figure.add_subplot(len(shown), 1, number + 1)
+        for index, capture in enumerate(captures):
+            here = [row for row in rows if row["capture"] == capture and column.key in row]
+            color, shift = f"C{index}", 0.15 * (index - (len(captures) - 1) / 2)
+            x = [place(str(row["variant"])) + shift for row in here]
+            axes.scatter(x, [float(row[column.key]) for row in here], color=color, s=18, alpha=0.7, label=capture)
+            for line in lines_of(experiment, here):
+                at = place(line.variant) + shift
+                axes.hlines(line.spreads[column.key].mean, at - 0.12, at + 0.12, color=color)
+        axes.set_xticks(range(len(labels)), labels)
+        axes.set_xlim(-0.5, len(labels) - 0.5)
+        axes.set_ylabel(f"{column.title}, dB")
+        axes.grid(axis="y", alpha=0.3)
+        if number == 0:
+            axes.set_title(experiment.title, fontsize=10)
+            axes.legend(fontsize=8)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)

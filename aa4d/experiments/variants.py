@@ -1,0 +1,89 @@
+"""What is compared with what: the paper's ablations and our sweeps, each a family of variants of one training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from aa4d.training.config import TrainingConfig
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row of a table: settings that differ from the preset's and the model's defaults."""
+
+    label: str
+    model: dict[str, Any] = field(default_factory=dict)  # of ModelConfig
+    warp: dict[str, Any] = field(default_factory=dict)  # of WarpSettings
+    training: dict[str, Any] = field(default_factory=dict)  # of TrainingConfig
+
+    def config(self, base: TrainingConfig) -> TrainingConfig:
+        return replace(base, warp=replace(base.warp, **self.warp), **self.training)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Differences in the tables are to the first variant."""
+
+    name: str
+    title: str
+    variants: tuple[Variant, ...]
+
+
+def _modules(label: str, aggregation: str, *, dlgd: bool, dacw: bool) -> Variant:
+    return Variant(label, {"aggregation": aggregation, "dlgd": dlgd, "dacw": dacw})
+
+
+ABLATIONS = {
+    "modules": Experiment(
+        "modules",
+        "What each module adds (paper, table of ACFA, DLGD and DACW)",
+        (
+            _modules("product", "product", dlgd=False, dacw=False),
+            _modules("ACFA", "acfa", dlgd=False, dacw=False),
+            _modules("ACFA + DLGD", "acfa", dlgd=True, dacw=False),
+            _modules("ACFA + DACW", "acfa", dlgd=False, dacw=True),
+            _modules("ACFA + DLGD + DACW", "acfa", dlgd=True, dacw=True),
+        ),
+    ),
+    "aggregation": Experiment(
+        "aggregation",
+        "How plane features are aggregated (paper, table of ACFA's rivals; without DLGD and DACW)",
+        tuple(
+            _modules(name, name, dlgd=False, dacw=False)
+            for name in ("product", "mean", "anchor_only", "time_only", "acfa")
+        ),
+    ),
+}
+
+# What the paper leaves open. The first value of each is the default.
+SWEEPS = {
+    "gamma": Experiment(
+        "gamma",
+        "DACW: sensitivity to density",
+        tuple(Variant(f"gamma {value:g}", warp={"gamma": value}) for value in (1.0, 0.0, 0.5, 2.0)),
+    ),
+    "lambda": Experiment(
+        "lambda",
+        "DACW: bounds of the adaptation strength",
+        tuple(
+            Variant(f"lambda {low:g} to {high:g}", warp={"lambda_min": low, "lambda_max": high})
+            for low, high in ((0.2, 0.8), (0.0, 0.0), (0.0, 0.5), (0.0, 1.0), (0.5, 1.0))
+        ),
+    ),
+    "smoothing": Experiment(
+        "smoothing",
+        "DACW: smoothing of the histogram, in bins",
+        tuple(Variant(f"{value:g} bins", warp={"smoothing": value}) for value in (1.5, 0.0, 4.0)),
+    ),
+    "time": Experiment(
+        "time",
+        "Rows of the time planes",
+        (Variant("by frames"), *(Variant(f"{rows} rows", {"temporal_resolution": rows}) for rows in (25, 50, 100))),
+    ),
+    "embedding": Experiment(
+        "embedding",
+        "Standard deviation of the embeddings at the start",
+        tuple(Variant(f"std {value:g}", training={"embedding_std": value}) for value in (0.01, 0.0, 0.1, 1.0)),
+    ),
+}

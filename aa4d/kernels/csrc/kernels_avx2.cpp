@@ -1,0 +1,7 @@
+#include "kernel_table.hpp"
+
+namespace aa4d {
+
+const Kernels kAvx2Kernels = avx2::kKernels;
+
+}  // namespace aa4d

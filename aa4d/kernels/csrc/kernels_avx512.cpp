@@ -1,0 +1,7 @@
+#include "kernel_table.hpp"
+
+namespace aa4d {
+
+const Kernels kAvx512Kernels = avx512::kKernels;
+
+}  // namespace aa4d

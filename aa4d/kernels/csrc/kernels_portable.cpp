@@ -1,0 +1,7 @@
+#include "kernel_table.hpp"
+
+namespace aa4d {
+
+const Kernels kPortableKernels = portable::kKernels;
+
+}  // namespace aa4d

@@ -1,0 +1,255 @@
+"""Times one training iteration and one rendered frame on a made-up scene, part by part: `aa4d bench train`."""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from rich.console import Console
+from rich.table import Table
+from torch.autograd.profiler import profile
+
+from aa4d.capture.reader import Capture, Frame, PinholeCamera
+from aa4d.files import write_json
+from aa4d.kernels import _native
+from aa4d.model import ModelConfig
+from aa4d.rendering import render
+from aa4d.training.checkpoints import TrainingState
+from aa4d.training.config import PRESETS
+from aa4d.training.trainer import Run
+
+FRAMES = 16
+WARM_UP = 5
+PROFILED = 5
+
+# Names of profiled operations, by how they begin; what fits none is OTHER.
+PARTS = {
+    "networks": ("_TwoLayer", "aten::mm", "aten::addmm"),
+    "feature planes": ("_LookUp", "_PlanePenalty"),
+    "decoding": ("_LocalGaussians",),
+    "rasteriser": ("_Rasterize",),
+    "image loss": ("_ImageLoss",),
+    "Adam": ("aten::_fused_adam_", "Optimizer."),
+}
+OTHER = "rest of torch"
+
+
+@dataclass(frozen=True)
+class Workload:
+    anchors: int
+    width: int
+    height: int
+
+
+STANDARD = Workload(5_000, 320, 180)
+GROWTH = (
+    *(replace(STANDARD, anchors=count) for count in (1_000, 5_000, 20_000, 50_000)),
+    *(replace(STANDARD, width=width, height=width * 9 // 16) for width in (160, 640, 960)),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was measured of one workload; medians."""
+
+    anchors: int  # of 10 Gaussians, all in view
+    width: int
+    height: int
+    iterations_per_second: float  # of the fine stage
+    render_fps: float  # deform, decode and rasterise
+    peak_mib: float  # resident memory of the whole process at its highest
+    kernels_ms: float  # of an iteration: the sum of all profiled operations
+    parts: dict[str, float]  # and the share of each part in it
+
+    @property
+    def iteration_ms(self) -> float:
+        return 1e3 / self.iterations_per_second
+
+
+def bench(
+    json_path: Path | None = None,
+    console: Console | None = None,
+    *,
+    standard: Workload = STANDARD,
+    growth: Sequence[Workload] = GROWTH,
+    seconds: float = 3.0,
+) -> dict[str, object]:
+    """Measure, print two tables, and return (and write to `json_path`) the standard workload and the growth.
+
+    Args:
+        seconds: of timed iterations, and again of timed frames, for each workload.
+    """
+    console = console or Console()
+    os.environ.setdefault("KINETO_LOG_LEVEL", "5")  # the profiler tells when it starts and stops
+    rows: dict[Workload, Row] = {}
+
+    def measured(workload: Workload) -> Row:
+        if workload not in rows:
+            with console.status(f"{workload.anchors} anchors at {workload.width}x{workload.height}"):
+                rows[workload] = measure(workload, seconds)
+        return rows[workload]
+
+    row = measured(standard)
+    console.print(_summary(row), highlight=False)
+    console.print(_parts_table(row))
+    if growth:
+        console.print(_growth_table([measured(workload) for workload in growth]))
+    result = {
+        **asdict(row),
+        "iteration_ms": row.iteration_ms,
+        "threads": torch.get_num_threads(),
+        "instruction_set": _native.instruction_set(),
+        "growth": [asdict(rows[workload]) for workload in growth],
+    }
+    if json_path is not None:
+        write_json(json_path, json.loads(json.dumps(result)))
+    return result
+
+
+def measure(workload: Workload, seconds: float) -> Row:
+    """Train the fine stage on a made-up capture of this size."""
+    _forget_peak()
+    with tempfile.TemporaryDirectory() as folder:
+        run, state = _prepare(workload, Path(folder))
+
+        def iterate() -> None:
+            run.step(state)
+            state.iteration += 1
+
+        def draw() -> None:
+            state.iteration += 1
+            view = run.views[state.iteration % len(run.views)]
+            with torch.no_grad():
+                render(state.model, view.t, view.camera, run.background)
+
+        iteration_seconds = _median_seconds(iterate, seconds)
+        peak = _peak_mib()
+        frame_seconds = _median_seconds(draw, seconds)
+        with profile(use_kineto=False) as profiler:
+            for _ in range(PROFILED):
+                iterate()
+    parts = dict.fromkeys((*PARTS, OTHER), 0.0)
+    for event in profiler.key_averages():
+        part = next((name for name, starts in PARTS.items() if event.key.startswith(starts)), OTHER)
+        parts[part] += event.self_cpu_time_total / PROFILED / 1e3
+    total = sum(parts.values())
+    return Row(
+        anchors=len(state.model.anchors),
+        width=workload.width,
+        height=workload.height,
+        iterations_per_second=1 / iteration_seconds,
+        render_fps=1 / frame_seconds,
+        peak_mib=peak,
+        kernels_ms=total,
+        parts={name: value / total for name, value in parts.items()},
+    )
+
+
+def _prepare(workload: Workload, folder: Path) -> tuple[Run, TrainingState]:
+    """A fine stage past its beginning, when statistics are gathered and no anchor comes or goes."""
+    spacing_px = (workload.width * workload.height / workload.anchors) ** 0.5
+    config = replace(PRESETS["paper"], voxel_px=0.5 * spacing_px)  # every point becomes an anchor
+    run = Run(_capture(workload, spacing_px, folder), folder, config, ModelConfig())
+    state = run.initial_state()
+    run._enter_fine(state)
+    with torch.no_grad():  # as after some training: half of the Gaussians are visible, none like another
+        state.model.anchors.feature.normal_()
+        state.model.anchors.offset.normal_(0, 0.7)
+    state.iteration = config.densification.statistics_from + 1
+    return run, state
+
+
+def _capture(workload: Workload, spacing_px: float, folder: Path) -> Capture:
+    """A drone that looks straight down from one metre, so that a pixel is 1 / focal length; focal length = width."""
+    width, height = workload.width, workload.height
+    generator = np.random.default_rng(0)
+    frames = []
+    for i in range(FRAMES):
+        viewmat = np.diag([1.0, -1.0, -1.0, 1.0])
+        viewmat[:3, 3] = [0.02 * (i / (FRAMES - 1) - 0.5), 0.0, 1.0]
+        small = generator.integers(0, 256, (height // 8, width // 8, 3), dtype=np.uint8)
+        Image.fromarray(small).resize((width, height), Image.Resampling.BICUBIC).save(folder / f"{i}.png")
+        frames.append(Frame(str(i), f"{i}.png", None, i / 10, i / (FRAMES - 1), "train" if i % 8 else "test", viewmat))
+    columns = round(width / spacing_px)
+    rows = round(workload.anchors / columns)
+    place = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2)
+    ground = (place / [columns, rows] - 0.5) * [1.0, height / width]
+    points = np.column_stack([ground, 0.01 * generator.standard_normal(len(ground))])
+    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]])
+    colors = np.zeros((len(points), 3), np.uint8)
+    return Capture(folder, "bench", "bench", 10.0, PinholeCamera(width, height, K), tuple(frames), points, colors, None)
+
+
+def _median_seconds(run: Callable[[], None], seconds: float) -> float:
+    """The median over as many calls as fit into `seconds`, at least ten, after a warm-up."""
+    for _ in range(WARM_UP):
+        run()
+    times: list[float] = []
+    while len(times) < 10 or sum(times) < seconds:
+        started = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - started)
+    return statistics.median(times)
+
+
+def _forget_peak() -> None:
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return  # the peak is then that of the largest workload so far
+
+
+def _peak_mib() -> float:
+    """NaN where there is no such file."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return float("nan")
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM:"))
+
+
+def _summary(row: Row) -> str:
+    return (
+        f"{row.anchors} anchors of 10 Gaussians, {row.width}x{row.height}, {torch.get_num_threads()} threads, "
+        f"{_native.instruction_set()}:\n"
+        f"{row.iterations_per_second:.1f} iterations/s ({row.iteration_ms:.1f} ms, "
+        f"{row.iteration_ms / row.kernels_ms:.2f} x the sum of its kernels),\n"
+        f"{row.render_fps:.0f} rendered frames/s, peak {row.peak_mib:.0f} MiB"
+    )
+
+
+def _parts_table(row: Row) -> Table:
+    table = Table()
+    table.add_column("part of an iteration")
+    table.add_column("ms", justify="right")
+    table.add_column("share", justify="right")
+    for name, share in sorted(row.parts.items(), key=lambda part: -part[1]):
+        table.add_row(name, f"{share * row.kernels_ms:.2f}", f"{share:.0%}")
+    return table
+
+
+def _growth_table(rows: Sequence[Row]) -> Table:
+    table = Table(title="How it grows")
+    for column in ("anchors", "image", "iter./s", "ms", "fps", "peak MiB", "largest part"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for row in rows:
+        part, share = max(row.parts.items(), key=lambda item: item[1])
+        table.add_row(
+            f"{row.anchors}",
+            f"{row.width}x{row.height}",
+            f"{row.iterations_per_second:.1f}",
+            f"{row.iteration_ms:.1f}",
+            f"{row.render_fps:.0f}",
+            f"{row.peak_mib:.0f}",
+            f"{part} {share:.0%}",
+        )
+    return table

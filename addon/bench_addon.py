@@ -1,0 +1,292 @@
+"""What the extension costs, measured as packaged: python addon/bench_addon.py --extension ZIP --json OUT [--model M]
+
+Models are random, of the sizes that `aa4d train` writes by default. Each measurement is the best of several: other
+programs only ever make it slower. `--model` adds what cheaper evaluations of a trained model cost in accuracy.
+"""
+
+import argparse
+import importlib
+import json
+import os
+import shutil
+import struct
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FRAMES = 12
+REPEATS = 5
+SIZES = {"K": 10, "F": 32, "E": 32, "C": 16, "B": 64}  # of the default configuration
+CASES = ((20_000, "ANCHORS"), (100_000, "ANCHORS"), (20_000, "GAUSSIANS"), (100_000, "GAUSSIANS"))
+
+
+def random_model(path: Path, anchors: int) -> None:
+    """Write a model of the default sizes with random weights."""
+    random = np.random.default_rng(anchors)
+    K, F, E, C, B = SIZES.values()
+
+    def normal(*shape: int, scale: float = 1.0) -> np.ndarray:
+        return np.float32(scale) * random.standard_normal(shape, dtype=np.float32)
+
+    tensors = {
+        "anchors.position": random.uniform(-1, 1, (anchors, 3)).astype(np.float32) * np.array([1, 1, 0.1], np.float32),
+        "anchors.feature": normal(anchors, F),
+        "anchors.offset": normal(anchors, K, 3),
+        "anchors.log_scale": normal(anchors, 6, scale=0.3) - 5,
+        "field.box": np.array([[-1, -1, -1], [1, 1, 1]], np.float32),
+        "warp.boundaries": np.tile(np.linspace(-1, 1, B + 1, dtype=np.float32), (3, 1)),
+    }
+    tensors.update({f"anchors.embedding_{name}": normal(anchors, E) for name in ("acfa", "offset", "scale")})
+    for level, resolution in enumerate((64, 128)):
+        for plane in ("xy", "xz", "yz", "xt", "yt", "zt"):
+            rows = 25 if plane.endswith("t") else resolution
+            tensors[f"field.planes.{level}.{plane}"] = normal(C, rows, resolution, scale=0.3)
+    layers = {
+        "acfa": (E + 1, 256, 6 * C, 1.0),
+        "head_position": (128, 128, 3, 0.05),
+        "head_feature": (128, 128, F, 0.3),
+        "dlgd_offset": (E + 1, 128, 3 * K, 0.1),
+        "dlgd_scale": (E + 1, 128, 6, 0.1),
+        "decoder_opacity": (F + 3, 32, K, 1.0),
+        "decoder_color": (F + 3, 32, 3 * K, 1.0),
+        "decoder_covariance": (F + 3, 32, 7 * K, 1.0),
+    }
+    sizes = {"encoder": (2 * C, 128, 1.0)}
+    for name, (inputs, hidden, outputs, gain) in layers.items():
+        sizes[f"{name}.hidden"], sizes[f"{name}.output"] = (inputs, hidden, 1.0), (hidden, outputs, gain)
+    for name, (inputs, outputs, gain) in sizes.items():
+        tensors[f"{name}.weight"] = normal(outputs, inputs, scale=gain / inputs**0.5)
+        tensors[f"{name}.bias"] = normal(outputs, scale=0.1)
+    view = np.array([[1.0, 0, 0, 0], [0, -0.6, -0.8, 0], [0, 0.8, -0.6, 90], [0, 0, 0, 1]])
+    information = {
+        "format": "aa4d-model",
+        "version": 1,
+        "generator": "bench",
+        "stage": "fine",
+        "config": {"offsets": K, "feature_dim": F, "embedding_dim": E, "plane_dim": C, "levels": 2, "bins": B},
+        "model_to_world": np.diag([50.0, 50.0, 50.0, 1.0]).tolist(),
+        "fps": 24.0,
+        "camera": {"model": "PINHOLE", "width": 320, "height": 180, "K": [[280, 0, 160], [0, 280, 90], [0, 0, 1]]},
+        "frames": [{"viewmat": view.tolist()} for _ in range(FRAMES)],
+        "capture": None,
+        "background": [0.5, 0.5, 0.5],
+        "training": {"seconds": 0.0},
+    }
+    header: dict[str, Any] = {"__metadata__": {"aa4d": json.dumps(information)}}
+    end = 0
+    for name, tensor in tensors.items():
+        header[name] = {"dtype": "F32", "shape": list(tensor.shape), "data_offsets": [end, end + tensor.nbytes]}
+        end += tensor.nbytes
+    text = json.dumps(header).encode()
+    with path.open("wb") as file:
+        file.write(struct.pack("<Q", len(text)) + text)
+        for tensor in tensors.values():
+            file.write(tensor.tobytes())
+
+
+def best_ms(work: Callable[[int], object], repeats: int = REPEATS) -> float:
+    """Milliseconds of the fastest of several calls; each is told its number."""
+    times = []
+    for number in range(repeats):
+        start = time.perf_counter()
+        work(number)
+        times.append(time.perf_counter() - start)
+    return 1000 * min(times)
+
+
+@contextmanager
+def extension(zip_path: Path) -> Iterator[str]:
+    """The extension installed for this run; the name of its module."""
+    with tempfile.TemporaryDirectory() as scratch:
+        os.environ["BLENDER_USER_RESOURCES"] = scratch
+        import bpy
+
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        folder = Path(scratch, "bench")
+        folder.mkdir()
+        preferences = bpy.ops.preferences
+        preferences.extension_repo_add(
+            type="LOCAL", name="aa4d_bench", use_custom_directory=True, custom_directory=str(folder)
+        )
+        repository = bpy.context.preferences.extensions.repos[-1].module
+        bpy.ops.extensions.package_install_files(filepath=str(zip_path.resolve()), repo=repository)
+        module = f"bl_ext.{repository}.adaanchor4d"
+        preferences.addon_enable(module=module)
+        try:
+            yield module
+        finally:
+            preferences.addon_disable(module=module)
+
+
+def measure(module: str, model_path: Path, carrier: str, folder: Path) -> dict[str, Any]:
+    """One row of the table."""
+    import bpy
+
+    field, carriers, playback, points = (
+        importlib.import_module(f"{module}.{name}") for name in ("field", "carriers", "playback", "points")
+    )
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    playback._load.cache_clear()
+    start = time.perf_counter()
+    bpy.ops.aa4d.import_model(filepath=str(model_path), carrier=carrier, set_up_scene=True)
+    import_s = time.perf_counter() - start
+    scene, obj = bpy.context.scene, bpy.context.active_object
+    loaded = playback.loaded_of(obj)
+    prepared, center = loaded.field, loaded.field.model.camera_center_at(0.5)
+    whole = carrier == "GAUSSIANS"
+    wanted = playback.wanted_of(obj)
+    state = field.anchor_state(prepared, 0.3, offsets=whole)
+    decode = field.local_gaussians if whole else field.anchor_appearance
+    values = carriers.evaluate(prepared, carrier, 0.3, center, wanted)
+
+    def copy(_: int) -> None:
+        for attribute, array in values.items():
+            points.write(obj.data, attribute.name, attribute.type, array)
+        obj.data.update()
+
+    def play(number: int) -> None:
+        scene.frame_set(1 + number % FRAMES)
+
+    def play_anew(number: int) -> None:
+        loaded.frames.clear()
+        play(number + 1)
+
+    row: dict[str, Any] = {
+        "points": len(obj.data.vertices),
+        "carrier": carrier.lower(),
+        "import_s": import_s,
+        "field_ms": best_ms(lambda n: field.anchor_state(prepared, 0.1 + 0.1 * n, offsets=whole)),
+        "decode_ms": best_ms(lambda _: decode(prepared, state, center)),
+        "copy_ms": best_ms(copy),
+        "live_ms": best_ms(play_anew),
+    }
+    for frame in range(FRAMES):
+        play(frame)
+    row["live_again_ms"] = best_ms(play, 2 * FRAMES)
+
+    def bare(number: int) -> None:
+        copy(number)
+        play(number)
+
+    obj.aa4d.playback = "BAKED"  # nobody evaluates: the same attributes, ready made
+    row["bare_ms"] = best_ms(bare, FRAMES)
+    obj.aa4d.playback = "LIVE"
+    start = time.perf_counter()
+    bpy.ops.aa4d.bake()
+    row["bake_s_a_frame"] = (time.perf_counter() - start) / FRAMES
+    row["baked_ms"] = best_ms(play, 2 * FRAMES)
+    blend = folder / "bench.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend), compress=True)
+    row["blend_mb_a_frame"] = blend.stat().st_size / FRAMES / 1e6
+    scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = 4, False, 0
+    scene.render.filepath = str(folder / "bench.png")
+    start = time.perf_counter()
+    bpy.ops.render.render(write_still=True)
+    row["cycles_s"] = time.perf_counter() - start
+    return row
+
+
+def accuracy(module: str, model_path: Path) -> list[dict[str, Any]]:
+    """Bakes of a trained model with fewer or coarser keys against the exact evaluation, at every quarter of a frame."""
+    field, carriers, names, model = (
+        importlib.import_module(f"{module}.{name}") for name in ("field", "carriers", "names", "model")
+    )
+    prepared = field.prepare(model.read_model(model_path))
+    frames = prepared.model.frame_count
+    center = prepared.model.camera_center_at(0.5)
+
+    def evaluate(rank: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        values = carriers.evaluate(prepared, names.ANCHORS, prepared.model.time_of_rank(rank), center, ())
+        return values[names.POSITION], values[names.COLOR][:, :3], values[names.OPACITY]
+
+    ranks = np.arange(4 * (frames - 1) + 1) / 4
+    exact = {rank: evaluate(rank) for rank in ranks}
+    seconds = best_ms(lambda n: evaluate(n + 0.1)) / 1000
+    rows = []
+    for label, step, half in (
+        ("keys every half frame", 0.5, False),
+        ("keys every frame", 1, False),
+        ("keys every 2 frames", 2, False),
+        ("keys every 4 frames", 4, False),
+        ("keys every frame, positions in half precision", 1, True),
+    ):
+        count = int(np.ceil((frames - 1) / step)) + 1
+        spacing = (frames - 1) / (count - 1)
+        keys = [evaluate(number * spacing) for number in range(count)]
+        places = [key[0].astype(np.float16).astype(np.float32) if half else key[0] for key in keys]
+        place_errors, color_errors = [], []
+        for rank in ranks:
+            low = min(int(rank / spacing), count - 2)
+            share = rank / spacing - low
+            seen = exact[rank][2] >= 0.05
+            place = (1 - share) * places[low] + share * places[low + 1]
+            color = (1 - share) * keys[low][1] + share * keys[low + 1][1]
+            place_errors.append(np.linalg.norm(place - exact[rank][0], axis=1)[seen])
+            color_errors.append(np.abs(color - exact[rank][1]).max(axis=1)[seen])
+        place_error, color_error = np.concatenate(place_errors), np.concatenate(color_errors)
+        rows.append(
+            {
+                "what": label,
+                "keys": count,
+                "bake_s": count * seconds,
+                "mean_mm": 1000 * float(place_error.mean()),
+                "p99_mm": 1000 * float(np.percentile(place_error, 99)),
+                "color_p99_of_255": 255 * float(np.percentile(color_error, 99)),
+                "bytes_a_point_and_frame": count / frames * (14 if half else 20),
+            }
+        )
+    return rows
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Rows as Markdown."""
+    cells = [list(rows[0])]
+    cells += [[f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows]
+    lines = ["| " + " | ".join(line) + " |" for line in cells]
+    return "\n".join([lines[0], "|" + "---|" * len(cells[0]), *lines[1:]])
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="bench_addon.py", description="Measure the AdaAnchor4D extension.")
+    parser.add_argument("--extension", type=Path, required=True, help="the zip that build_extension.py wrote")
+    parser.add_argument("--json", type=Path, required=True, help="where to write the rows")
+    parser.add_argument("--model", type=Path, help="a trained model, for accuracy against time")
+    parser.add_argument("--largest", type=int, default=100_000, help="leave out models with more anchors")
+    options = parser.parse_args()
+    result: dict[str, Any] = {"load_before": os.getloadavg(), "cpus": os.cpu_count(), "rows": []}
+    with tempfile.TemporaryDirectory() as scratch, extension(options.extension) as module:
+        import bpy
+
+        result["blender"] = bpy.app.version_string
+        for anchors, carrier in CASES:
+            if anchors <= options.largest:
+                path = Path(scratch, f"{anchors}.safetensors")
+                if not path.exists():
+                    random_model(path, anchors)
+                print(f"measuring {anchors:,} anchors as {carrier.lower()} ...", file=sys.stderr, flush=True)
+                result["rows"].append(measure(module, path, carrier, Path(scratch)))
+        if options.model is not None:
+            result["accuracy"] = accuracy(module, options.model)
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps(result, indent=1))
+    print(table(result["rows"]))
+    if "accuracy" in result:
+        print(f"\n{table(result['accuracy'])}")
+    print(f"\nBlender {result['blender']}, {os.cpu_count()} CPUs, load before {result['load_before'][0]:.1f}")
+    print(f"Rows: {options.json}")
+    return 0
+
+
+if __name__ == "__main__":
+    code = main()
+    if "bpy" in sys.modules:
+        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)  # only Blender's own exit would
+    sys.stdout.flush()
+    os._exit(code)  # Blender 4.5 as a module can hang in its own exit

@@ -1,0 +1,304 @@
+"""The modifier that draws the points: three looks, what colours them, what hides them, ghosts of earlier frames."""
+
+from typing import Any, NamedTuple
+
+import bpy
+
+from . import materials, names
+from .node_tree import Tree, socket, versioned_group
+
+VERSION = 4
+LOOK, SIZE, LIT = "Look", "Size", "Lit"
+COLOR_BY, PLANE, LOW, HIGH = "Colour By", "Plane", "Low", "High"
+MINIMUM_OPACITY, NEAREST, FARTHEST = "Minimum Opacity", "Moved at Least", "Moved at Most"
+CROP, CROP_OBJECT = "Crop", "Crop Object"
+NO_CROP, INSIDE, OUTSIDE = "Off", "Inside", "Outside"
+TRAIL_DISTANCE = "Ghost Distance"
+
+LOOKS = {
+    materials.POINTS: "Spheres of the size of what they stand for; the fastest",
+    materials.DISCS: "Opaque discs across the thinnest direction of the Gaussians",
+    materials.GAUSSIANS: "Ellipsoids with the exact Gaussian falloff: the trained picture",
+}
+TRAINED, ACTIVITY, ID = "Trained Colour", "Activity", "Anchor"
+
+
+class Scalar(NamedTuple):
+    """A quantity that points can be coloured by, and what must be evaluated for it."""
+
+    description: str
+    unit: str
+    range: tuple[float, float]  # a first one for the legend
+    needs: tuple[names.Attribute, ...]
+
+
+SCALARS = {
+    "Displacement": Scalar("How far the anchor is from its canonical place", "m", (0, 2), (names.DISPLACEMENT,)),
+    "Speed": Scalar("How fast the anchor moves", "m/s", (0, 15), (names.SPEED,)),
+    "Plane Weight": Scalar("The weight of one plane, mean over the channels", "", (0, 1 / 3), names.WEIGHTS),
+    "Motion Share": Scalar("The weight of the three planes that have time", "", (0.3, 0.7), names.WEIGHTS),
+    "Opacity": Scalar("As trained", "", (0, 1), ()),
+    "Reach": Scalar("The radius that a point stands for", "m", (0, 1), ()),
+}
+CATEGORIES = {
+    ACTIVITY: "The activity that the capture's truth knows at the anchor, a colour each",
+    ID: "A colour for each anchor",
+}
+RAMP_NAME = "Legend"
+# A perceptually even ramp from dark violet to yellow, linear RGB.
+RAMP = (
+    (0.0, (0.058, 0.0002, 0.089)),
+    (0.25, (0.042, 0.086, 0.257)),
+    (0.5, (0.015, 0.283, 0.265)),
+    (0.75, (0.114, 0.584, 0.119)),
+    (1.0, (0.984, 0.799, 0.018)),
+)
+DISC_SIGMAS = 1.5
+# Turns of the axes, w x y z: the first brings x to y to z to x, the second goes back.
+TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5))
+NO_LIMIT_M = 1e6
+
+
+def look_group() -> bpy.types.NodeTree:
+    """The group of the look modifier."""
+    group, made = versioned_group("AdaAnchor4D Look", VERSION)
+    if not made:
+        return group
+    tree = Tree(group)
+    _make_inputs(tree)
+    geometry = tree.node("GeometryNodeSetID", {"Geometry": tree.input("Geometry")})
+    # Motion blur finds an instance again by its id: filters may hide others from one frame to the next.
+    tree.set(socket(geometry.inputs, "ID"), tree.named(names.ID.name, names.ID.type))
+    geometry = _colored(tree, geometry.outputs[0])
+    shown = _shown(tree)
+    looks = {
+        materials.POINTS: _points(tree, geometry, shown),
+        materials.DISCS: _discs(tree, geometry, shown),
+        materials.GAUSSIANS: _gaussians(tree, geometry, shown),
+    }
+    drawn = tree.menu("GEOMETRY", LOOK, [(look, LOOKS[look], looks[look]) for look in LOOKS])
+    join = tree.group.nodes.new("GeometryNodeJoinGeometry")
+    tree.group.links.new(_ghosts(tree, geometry, shown), join.inputs[0])
+    tree.group.links.new(drawn, join.inputs[0])
+    # Joining copies every attribute, so without ghosts there is none.
+    haunted = tree.compare(_trail_length(tree, geometry), "GREATER_THAN", 0.5)
+    tree.finish(tree.switch("GEOMETRY", haunted, drawn, join.outputs[0]))
+    return group
+
+
+def _trail_length(tree: Tree, geometry: Any) -> Any:
+    """How many ghosts there are, as one number for all points."""
+    sample = tree.group.nodes.new("GeometryNodeSampleIndex")
+    sample.data_type = "INT"
+    tree.set(socket(sample.inputs, "Geometry"), geometry)
+    tree.set(socket(sample.inputs, "Value"), tree.named(names.TRAIL.name, names.TRAIL.type))
+    return sample.outputs[0]
+
+
+def _make_inputs(tree: Tree) -> None:
+    tree.make_input(LOOK, "Menu", "What is drawn at every point", default_value=materials.POINTS)
+    tree.make_input(
+        SIZE,
+        "Float",
+        "How large to draw, relative to the trained size",
+        default_value=1.0,
+        min_value=0.0,
+        max_value=100.0,
+    )
+    tree.make_input(LIT, "Bool", "Take light and shadows from the scene, instead of glowing in the trained colours")
+    tree.open_panel("Colour")
+    tree.make_input(COLOR_BY, "Menu", "What the colours show", default_value=TRAINED)
+    tree.make_input(PLANE, "Menu", "The plane whose weight is shown", default_value="xt")
+    tree.make_input(LOW, "Float", "The value at the legend's left end")
+    tree.make_input(HIGH, "Float", "The value at the legend's right end", default_value=1.0)
+    tree.open_panel("Filter")
+    tree.make_input(
+        MINIMUM_OPACITY,
+        "Float",
+        "Points less opaque than this are not drawn",
+        default_value=0.05,
+        min_value=0.0,
+        max_value=1.0,
+    )
+    for name, description, default in (
+        (NEAREST, "Anchors nearer to their canonical place than this are not drawn, metres", 0.0),
+        (FARTHEST, "Anchors farther from their canonical place than this are not drawn, metres", NO_LIMIT_M),
+    ):
+        tree.make_input(name, "Float", description, default_value=default, min_value=0.0, subtype="DISTANCE")
+    tree.make_input(CROP, "Menu", "Draw a part of the scene", default_value=NO_CROP)
+    tree.make_input(CROP_OBJECT, "Object", "An empty or a cube: its box is -1 to 1 on each of its axes")
+    tree.make_input(
+        TRAIL_DISTANCE,
+        "Float",
+        "Ghosts nearer to their anchor than this are not drawn, metres",
+        default_value=0.2,
+        min_value=0.0,
+        subtype="DISTANCE",
+    )
+
+
+def _colored(tree: Tree, geometry: Any) -> Any:
+    """The points in the colours asked for; what is not asked for is not computed."""
+    weights = {
+        plane: tree.named(weight.name, "FLOAT") for plane, weight in zip(names.PLANES, names.WEIGHTS, strict=True)
+    }
+    choices = [(plane, f"The plane of {plane[0]} and {plane[1]}", weight) for plane, weight in weights.items()]
+    values = {
+        "Displacement": tree.named(names.DISPLACEMENT.name, "FLOAT"),
+        "Speed": tree.named(names.SPEED.name, "FLOAT"),
+        "Plane Weight": tree.menu("FLOAT", PLANE, choices),
+        "Motion Share": tree.math("ADD", tree.math("ADD", weights["xt"], weights["yt"]), weights["zt"]),
+        "Opacity": tree.named(names.OPACITY.name, "FLOAT"),
+        "Reach": tree.named(names.RADIUS.name, "FLOAT"),
+    }
+    colors = {name: _ramp(tree, values[name]) for name in SCALARS}
+    activity = tree.node("GeometryNodeInputNamedAttribute", {"Name": names.ACTIVITY.name}, data_type="INT")
+    known = tree.switch("FLOAT", activity.outputs["Exists"], -1.0, socket(activity.outputs, "Attribute"))
+    colors[ACTIVITY] = _category_color(tree, known)
+    colors[ID] = _category_color(tree, tree.named(names.ID.name, "INT"))
+    described = {name: scalar.description for name, scalar in SCALARS.items()} | CATEGORIES
+    choices = [(TRAINED, "What the scene was trained to", geometry)]
+    choices += [(name, described[name], tree.store(geometry, names.COLOR, colors[name])) for name in colors]
+    return tree.menu("GEOMETRY", COLOR_BY, choices)
+
+
+def _ramp(tree: Tree, value: Any) -> Any:
+    """The legend's colour of a value: one ramp for all, in a group of its own that the panel shows."""
+    node = tree.group.nodes.new("GeometryNodeGroup")
+    node.node_tree = legend_group()
+    for name, source in (("Value", value), (LOW, tree.input(LOW)), (HIGH, tree.input(HIGH))):
+        tree.set(node.inputs[name], source)
+    return node.outputs[0]
+
+
+def legend_group() -> bpy.types.NodeTree:
+    """The colours of the legend, from a value and the ends of its range."""
+    for group in bpy.data.node_groups:
+        if group.get(names.VERSION_PROPERTY) == f"{RAMP_NAME} {VERSION}" and not group.library:
+            return group
+    group = bpy.data.node_groups.new("AdaAnchor4D Legend", "GeometryNodeTree")
+    group[names.VERSION_PROPERTY] = f"{RAMP_NAME} {VERSION}"
+    group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+    tree = Tree(group)
+    for name in ("Value", LOW, HIGH):
+        tree.make_input(name, "Float", "")
+    span = tree.math("MAXIMUM", tree.math("SUBTRACT", tree.input(HIGH), tree.input(LOW)), 1e-9)
+    place = tree.math("DIVIDE", tree.math("SUBTRACT", tree.input("Value"), tree.input(LOW)), span)
+    ramp = tree.node("ShaderNodeValToRGB")
+    ramp.name = RAMP_NAME
+    tree.set(ramp.inputs[0], place)
+    elements = ramp.color_ramp.elements
+    while len(elements) < len(RAMP):
+        elements.new(0.5)
+    for element, (position, color) in zip(elements, RAMP, strict=True):
+        element.position, element.color = position, (*color, 1.0)
+    tree.finish(ramp.outputs["Color"])
+    return group
+
+
+def _category_color(tree: Tree, number: Any) -> Any:
+    """A bright colour for each number, far in hue from those of its neighbours; grey below zero."""
+    hue = tree.math("FRACT", tree.math("MULTIPLY", number, 0.61803398875))
+    color = tree.node("FunctionNodeCombineColor", mode="HSV")
+    for target, value in zip(color.inputs, (hue, 0.75, 0.9, 1.0), strict=True):
+        tree.set(target, value)
+    return tree.switch("RGBA", tree.compare(number, "LESS_THAN", -0.5), color.outputs[0], (0.2, 0.2, 0.2, 1.0))
+
+
+def _shown(tree: Tree) -> Any:
+    """Whether a point passes the filters."""
+    opaque = tree.compare(tree.named(names.OPACITY.name, "FLOAT"), "GREATER_EQUAL", tree.input(MINIMUM_OPACITY))
+    moved = tree.named(names.DISPLACEMENT.name, "FLOAT")
+    far = tree.compare(moved, "GREATER_EQUAL", tree.input(NEAREST))
+    near = tree.compare(moved, "LESS_EQUAL", tree.input(FARTHEST))
+    info = tree.node("GeometryNodeObjectInfo", {"Object": tree.input(CROP_OBJECT)}, transform_space="RELATIVE")
+    inverse = tree.node("FunctionNodeInvertMatrix", {"Matrix": socket(info.outputs, "Transform")})
+    position = tree.group.nodes.new("GeometryNodeInputPosition").outputs[0]
+    local = tree.node("FunctionNodeTransformPoint", {"Vector": position, "Transform": inverse.outputs["Matrix"]})
+    split = tree.node("ShaderNodeSeparateXYZ", {"Vector": tree.vector("ABSOLUTE", local.outputs[0])})
+    reach = tree.math("MAXIMUM", tree.math("MAXIMUM", split.outputs[0], split.outputs[1]), split.outputs[2])
+    outside = tree.compare(reach, "GREATER_THAN", 1.0)
+    choices = [
+        (NO_CROP, "Everything", True),
+        (INSIDE, "What lies in the box of the crop object", tree.logic("NOT", outside)),
+        (OUTSIDE, "What lies outside the box of the crop object", outside),
+    ]
+    cropped = tree.menu("BOOLEAN", CROP, choices)
+    return tree.logic("AND", tree.logic("AND", opaque, cropped), tree.logic("AND", far, near))
+
+
+def _points(tree: Tree, geometry: Any, shown: Any) -> Any:
+    """Every vertex as a sphere. What is not shown has no size: motion blur needs the same points at all times."""
+    radius = tree.math("MULTIPLY", tree.named(names.RADIUS.name, "FLOAT"), tree.input(SIZE))
+    radius = tree.switch("FLOAT", shown, 0.0, radius)
+    points = tree.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
+    return _with_material(tree, points.outputs[0], materials.POINTS)
+
+
+def _discs(tree: Tree, geometry: Any, shown: Any) -> Any:
+    """Every vertex as a flat disc across its thinnest axis."""
+    scale = tree.named(names.SCALE.name, "FLOAT_VECTOR")
+    x, y, z = tree.node("ShaderNodeSeparateXYZ", {"Vector": scale}).outputs
+    rotation = tree.named(names.ROTATION.name, "QUATERNION")
+    x_thinnest = tree.logic("AND", tree.compare(x, "LESS_THAN", y), tree.compare(x, "LESS_THAN", z))
+    y_thinnest = tree.logic("AND", tree.compare(y, "LESS_EQUAL", x), tree.compare(y, "LESS_THAN", z))
+    size = tree.node("ShaderNodeCombineXYZ", {"X": x, "Y": y, "Z": 1.0}).outputs[0]
+    turned = rotation
+    for condition, turn, across in (
+        (x_thinnest, TURNS[0], {"X": y, "Y": z, "Z": 1.0}),
+        (y_thinnest, TURNS[1], {"X": z, "Y": x, "Z": 1.0}),
+    ):
+        quaternion = tree.node("FunctionNodeQuaternionToRotation", dict(zip("WXYZ", turn, strict=True))).outputs[0]
+        rotate = tree.node("FunctionNodeRotateRotation", rotation_space="LOCAL")
+        tree.set(rotate.inputs[0], rotation)
+        tree.set(rotate.inputs[1], quaternion)
+        turned = tree.switch("ROTATION", condition, turned, rotate.outputs[0])
+        size = tree.switch("VECTOR", condition, size, tree.node("ShaderNodeCombineXYZ", across).outputs[0])
+    disc = tree.node("GeometryNodeMeshCircle", {"Vertices": 12, "Radius": DISC_SIGMAS}, fill_type="NGON").outputs[0]
+    return _instances(tree, geometry, shown, _with_material(tree, disc, materials.DISCS), turned, size)
+
+
+def _gaussians(tree: Tree, geometry: Any, shown: Any) -> Any:
+    """Every vertex as an ellipsoid with the scale and rotation of its Gaussian."""
+    sphere = tree.node("GeometryNodeMeshIcoSphere", {"Radius": materials.GAUSSIAN_SIGMAS, "Subdivisions": 2}).outputs[0]
+    rotation = tree.named(names.ROTATION.name, "QUATERNION")
+    scale = tree.named(names.SCALE.name, "FLOAT_VECTOR")
+    return _instances(tree, geometry, shown, _with_material(tree, sphere, materials.GAUSSIANS), rotation, scale)
+
+
+def _instances(tree: Tree, geometry: Any, shown: Any, shape: Any, rotation: Any, scale: Any) -> Any:
+    size = tree.group.nodes.new("ShaderNodeVectorMath")
+    size.operation = "SCALE"
+    tree.set(size.inputs[0], scale)
+    tree.set(socket(size.inputs, "Scale"), tree.input(SIZE))
+    inputs = {"Points": geometry, "Selection": shown, "Instance": shape, "Rotation": rotation, "Scale": size.outputs[0]}
+    return tree.node("GeometryNodeInstanceOnPoints", inputs).outputs[0]
+
+
+def _ghosts(tree: Tree, geometry: Any, shown: Any) -> Any:
+    """Points where what moves was before, smaller the longer ago."""
+    count = _trail_length(tree, geometry)
+    start = tree.group.nodes.new("GeometryNodeRepeatInput")
+    end = tree.group.nodes.new("GeometryNodeRepeatOutput")
+    start.pair_with_output(end)
+    tree.set(start.inputs["Iterations"], count)
+    age = tree.math("ADD", start.outputs["Iteration"], 1.0)
+    before = tree.named(tree.numbered(names.TRAIL_PREFIX, 2, age), "FLOAT_VECTOR")
+    position = tree.group.nodes.new("GeometryNodeInputPosition").outputs[0]
+    moved = tree.compare(tree.vector("DISTANCE", before, position), "GREATER_THAN", tree.input(TRAIL_DISTANCE))
+    left = tree.math("SUBTRACT", 1.0, tree.math("DIVIDE", age, tree.math("ADD", count, 1.0)))
+    radius = tree.math("MULTIPLY", tree.named(names.RADIUS.name, "FLOAT"), tree.input(SIZE), left)
+    inputs = {"Mesh": geometry, "Selection": tree.logic("AND", shown, moved), "Position": before, "Radius": radius}
+    ghosts = tree.node("GeometryNodeMeshToPoints", inputs)
+    join = tree.group.nodes.new("GeometryNodeJoinGeometry")
+    tree.group.links.new(ghosts.outputs[0], join.inputs[0])
+    tree.group.links.new(start.outputs["Geometry"], join.inputs[0])
+    tree.set(end.inputs["Geometry"], join.outputs[0])
+    return _with_material(tree, end.outputs["Geometry"], materials.POINTS)
+
+
+def _with_material(tree: Tree, geometry: Any, look: str) -> Any:
+    """The geometry in the glowing material of this look, or in the lit one where the input asks for it."""
+    glowing, lit = (materials.material(look, lit=lit) for lit in (False, True))
+    chosen = tree.switch("MATERIAL", tree.input(LIT), glowing, lit)
+    return tree.node("GeometryNodeSetMaterial", {"Geometry": geometry, "Material": chosen}).outputs[0]

@@ -1,0 +1,59 @@
+"""Reading and setting the inputs of a Geometry Nodes modifier, in every Blender from 4.5 on."""
+
+from typing import Any
+
+import bpy
+
+from . import names
+
+
+def of(obj: bpy.types.Object, name: str) -> bpy.types.Modifier | None:
+    """The object's modifier of this name, if it is still there and runs one of our groups."""
+    modifier = obj.modifiers.get(name)
+    group = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
+    return modifier if group is not None and group.get(names.VERSION_PROPERTY) else None
+
+
+def inputs_of(group: bpy.types.NodeTree) -> list[Any]:
+    """The interface items of a group's inputs that a person sets, in order."""
+    items = [item for item in group.interface.items_tree if item.item_type == "SOCKET" and item.in_out == "INPUT"]
+    return [item for item in items if item.socket_type != "NodeSocketGeometry"]
+
+
+def property_of(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str]:
+    """Where the modifier keeps this input: the owner and the path of the property, as `UILayout.prop` wants them."""
+    identifier = next(item.identifier for item in inputs_of(modifier.node_group) if item.name == name)
+    if hasattr(modifier, "properties"):  # 5.2; before, inputs were custom properties of the modifier
+        return getattr(modifier.properties.inputs, identifier), "value"
+    return modifier, f'["{identifier}"]'
+
+
+def menu_items(group: bpy.types.NodeTree, name: str) -> list[str]:
+    """The items of a menu input, in order."""
+    for node in group.nodes:
+        links = node.inputs[0].links if node.bl_idname == "GeometryNodeMenuSwitch" else ()
+        if links and links[0].from_socket.name == name:
+            return [item.name for item in node.enum_items]
+    raise KeyError(name)
+
+
+def get(modifier: bpy.types.Modifier, name: str) -> Any:
+    """The value of an input; of a menu, the name of the chosen item."""
+    owner, path = property_of(modifier, name)
+    value = owner.value if path == "value" else owner[path[2:-2]]
+    item = next(item for item in inputs_of(modifier.node_group) if item.name == name)
+    if item.socket_type == "NodeSocketMenu" and not isinstance(value, str):
+        return menu_items(modifier.node_group, name)[value]
+    return value
+
+
+def put(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
+    """Set an input; a menu by the name of its item."""
+    owner, path = property_of(modifier, name)
+    if path == "value":
+        owner.value = value
+        return
+    item = next(item for item in inputs_of(modifier.node_group) if item.name == name)
+    if item.socket_type == "NodeSocketMenu":
+        value = menu_items(modifier.node_group, name).index(value)
+    owner[path[2:-2]] = value

@@ -1,0 +1,12 @@
+import bpy
+
+op = bpy.context.active_operator
+
+op.carrier = "ANCHORS"
+op.look = "Points"
+op.view = "CAPTURE"
+op.import_camera = True
+op.background_frames = True
+op.set_timeline = True
+op.set_up_scene = False
+op.bake = False

@@ -1,0 +1,12 @@
+import bpy
+
+op = bpy.context.active_operator
+
+op.carrier = "GAUSSIANS"
+op.look = "Gaussians"
+op.view = "CAPTURE"
+op.import_camera = True
+op.background_frames = False
+op.set_timeline = True
+op.set_up_scene = True
+op.bake = True

@@ -1,0 +1,71 @@
+"""The interface in other languages. Texts that Blender itself translates (Bake, Speed, Opacity) are not repeated."""
+
+import bpy
+
+GERMAN = {
+    "Import AdaAnchor4D": "AdaAnchor4D importieren",
+    "Import Model": "Modell importieren",
+    "Import a trained scene as points that follow the timeline, with the drone's camera": (
+        "Eine trainierte Szene als Punkte importieren, die der Zeitleiste folgen, mit der Kamera der Drohne"
+    ),
+    "Carrier": "Träger",
+    "What the points stand for": "Wofür die Punkte stehen",
+    "Anchors": "Anker",
+    "Gaussians": "Gaußfunktionen",
+    "Look": "Aussehen",
+    "Seen From": "Gesehen von",
+    "Capture's Camera": "Kamera der Aufnahme",
+    "Active Camera": "Aktive Kamera",
+    "Frozen": "Eingefroren",
+    "Drone Camera": "Kamera der Drohne",
+    "Footage Behind": "Aufnahme dahinter",
+    "Set Timeline": "Zeitleiste einstellen",
+    "Set Up Scene": "Szene einrichten",
+    "Most Points": "Höchstzahl der Punkte",
+    "Live": "Live",
+    "Baked": "Gebacken",
+    "Live: {:.1f} ms a frame": "Live: {:.1f} ms pro Bild",
+    "Bake Range": "Bereich backen",
+    "Free Bake": "Backen verwerfen",
+    "Freeze View": "Blick einfrieren",
+    "Relink": "Neu verknüpfen",
+    "Inspection": "Untersuchung",
+    "Fit Legend": "Legende anpassen",
+    "Measure Selection": "Auswahl vermessen",
+    "Add DACW Grid": "DACW-Gitter hinzufügen",
+    "Compositing and Export": "Compositing und Export",
+    "Set Up Compositing": "Compositing einrichten",
+    "All in One Render": "Alles in einem Bild",
+    "Over the Footage": "Über der Aufnahme",
+    "Cast Shadows": "Wirft Schatten",
+    "Export 3DGS PLY": "3DGS-PLY exportieren",
+    "Export USD Points": "USD-Punkte exportieren",
+    "Start Frame": "Erstes Bild",
+    "Outside the Clip": "Außerhalb des Clips",
+    "Set Time by Hand": "Zeit von Hand",
+    "Colour By": "Farbe nach",
+    "Minimum Opacity": "Mindestdeckkraft",
+    "Moved at Least": "Bewegt um mindestens",
+    "Moved at Most": "Bewegt um höchstens",
+    "Crop Object": "Zuschnittobjekt",
+    "Trail": "Spur",
+    "Ghost Distance": "Abstand der Spur",
+    "Baking {} of {}; Esc cancels": "{} von {} gebacken; Esc bricht ab",
+    "Bake cancelled; nothing has changed": "Backen abgebrochen; nichts wurde geändert",
+    "Baked {} keys": "{} Schlüssel gebacken",
+    "Imported {:,} points over {} frames; Material Preview shows their colours": (
+        "{:,} Punkte über {} Bilder importiert; die Materialvorschau zeigt ihre Farben"
+    ),
+}
+CONTEXTS = ("*", "Operator")
+TABLE = {"de_DE": {(context, text): german for text, german in GERMAN.items() for context in CONTEXTS}}
+
+
+def register() -> None:
+    """Offer the translations to Blender."""
+    bpy.app.translations.register(__package__, TABLE)
+
+
+def unregister() -> None:
+    """Take them back."""
+    bpy.app.translations.unregister(__package__)

@@ -1,0 +1,159 @@
+"""Writes docs/scenes.md from the declarations of the keys: `python -m synth.reference > docs/scenes.md`.
+
+A test holds the file to this text, so that it cannot go stale.
+"""
+
+import dataclasses
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from synth.checking import REQUIRED, without_none
+from synth.effects import NAMES
+from synth.spec import Scene
+
+HEAD = """\
+# Scene files
+
+<!-- Written by `python -m synth.reference > docs/scenes.md` from the declarations in `synth/`: change those. -->
+
+A scene is a TOML file; `scenes/crossroads.toml` is one to start from, `scenes/arc01.toml` to `arc10.toml` show what
+there is. It is checked before anything is rendered: an unknown key, a wrong type, a value out of range or a missing key
+is refused with the file, the key and what would be allowed. A key without a default must be given.
+
+The world is right-handed with z up, in metres, its origin in the middle of the street; east is +x, north is +y. Angles
+of directions run counter-clockwise from east. Colours are linear RGB. Traffic keeps to the right.
+
+```
+aa4d synth scenes/crossroads.toml --out captures/crossroads
+aa4d synth scenes/crossroads.toml --explain                    what it would render, and about how long
+blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/crossroads
+```
+
+The same file, seed and version of Blender give the same frames, byte for byte.
+"""
+TAIL = """\
+## What traffic does
+
+Vehicles keep their distance by the intelligent driver model and change lanes by MOBIL, along a path that is smooth in
+place: one that stands keeps its heading. A junction is entered with a grant. Green lights, people on the zebra
+crossings, vehicles that are still inside and those that have the right of way decide; straight on goes before right
+before left, the major street and the ring of a roundabout before those that join. Whoever would have to brake harder
+than 4 m/s² when the light turns red drives on. Positions between two steps are those of constant acceleration: exact
+for the simulation at any real time. The clip is checked ten times a second, and two bodies nearer than 0.1 m are
+refused with their names and the time.
+
+A vehicle that comes or goes during the clip is absent before and after (`present` in `truth/tracks.npz`).
+
+## Tracks
+
+`format = "sumo"` reads what SUMO's `--fcd-output` writes, as CSV or XML. Its positions are those of the front bumper,
+its angles run clockwise from north; both are converted. Steps that are whole milliseconds need not fit the frames:
+positions between samples lie on a curve that never overshoots, and headings come from where the axles are, so that
+neither SUMO's sideways jump at a lane change nor a standing vehicle turns a body on the spot. `format = "metres"` reads
+measured tracks. Coordinates beyond 10 km, a UTM grid for instance, are refused unless `recentre` is true: at 500 km
+Blender's optical flow is wrong by up to 0.7 pixels.
+
+## The heterogeneity family
+
+The scenes of `scenes/heterogeneity/` are the same file but for one knob, their lights: street, blocks, flight, sun and
+demand are equal, and the mix of activity classes moves from static (`standing`) over intermittent (`stop-and-go`) and
+all of them (`mixed`) to persistent beside static (`free-flow`).
+"""
+
+
+def reference() -> str:
+    """The whole page."""
+    parts = [HEAD, "## The top of the file\n\n" + "\n".join(_top(Scene)) + "\n"]
+    for name, hint, metadata in _tables(Scene):
+        if metadata.get("kinds"):
+            kinds = _listed(metadata["kinds"])
+            parts.append(f"## `[{name}]`\n\n`kind` chooses one of {kinds}; the other keys depend on it.\n")
+            for kind, cls in metadata["kinds"].items():
+                parts.append(_section(f'`[{name}]` with `kind = "{kind}"`', cls, _rows(cls), level=3))
+            continue
+        many = get_origin(hint) is tuple
+        cls = get_args(hint)[0] if many else hint
+        parts.append(_section(f"`[[{name}]]`" if many else f"`[{name}]`", cls, _rows(cls)))
+    parts.append("## `[effects.NAME]`\n\nAn effect that the scene does not name is neither imported nor simulated.\n")
+    for name in NAMES:
+        module = import_module(f"synth.effects.{name}")
+        about = (module.__doc__ or "").strip().split("\n\n")[0].replace("\n", " ")
+        parts.append("\n".join([f"### `[effects.{name}]`", "", about, "", *_rows(module.Settings), ""]))
+    parts.append(TAIL)
+    return "\n".join(parts)
+
+
+def _section(title: str, cls: type, rows: list[str], level: int = 2) -> str:
+    about = " ".join((cls.__doc__ or "").split())
+    return f"{'#' * level} {title}\n\n{about}\n\n" + "\n".join(rows) + "\n"
+
+
+def _fields(cls: type) -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:
+    hints = get_type_hints(cls)
+    for each in dataclasses.fields(cls):
+        yield each.name, without_none(hints[each.name]), each
+
+
+def _is_table(hint: Any, metadata: Any) -> bool:
+    item = get_args(hint)[0] if get_origin(hint) is tuple else hint
+    return bool(metadata.get("kinds")) or dataclasses.is_dataclass(item)
+
+
+def _tables(cls: type) -> Iterator[tuple[str, Any, Any]]:
+    return ((name, hint, f.metadata) for name, hint, f in _fields(cls) if _is_table(hint, f.metadata))
+
+
+def _top(cls: type) -> list[str]:
+    return _table((name, hint, f) for name, hint, f in _fields(cls)
+                  if not _is_table(hint, f.metadata) and get_origin(hint) is not dict)  # fmt: skip
+
+
+def _rows(cls: type) -> list[str]:
+    return _table((name, hint, f) for name, hint, f in _fields(cls) if name != "kind" or len(get_args(hint)) != 1)
+
+
+def _table(fields: Iterator[tuple[str, Any, dataclasses.Field[Any]]]) -> list[str]:
+    rows = []
+    for name, hint, each in fields:
+        low_high = each.metadata.get("range")
+        if get_origin(hint) is Literal:
+            allowed = _listed(get_args(hint))
+        elif low_high:
+            allowed = f"{_number(low_high[0])} to {_number(low_high[1])}" + (" each" if get_origin(hint) else "")
+        else:
+            allowed = "true, false" if hint is bool else ""
+        meaning = each.metadata.get("meaning", "").replace("|", "\\|")
+        rows.append(f"| `{name}` | {each.metadata.get('unit', '')} | {allowed} | {_default(each)} | {meaning} |")
+    return ["| key | unit | range | default | meaning |", "|---|---|---|---|---|", *rows] if rows else []
+
+
+def _default(each: dataclasses.Field[Any]) -> str:
+    if each.default is REQUIRED:
+        return ""
+    return _value(each.default)
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (tuple, list)):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return _number(value)
+
+
+def _number(value: float) -> str:
+    return f"{value:.10g}"
+
+
+def _listed(names: Any) -> str:
+    return ", ".join(f'`"{name}"`' for name in names)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(reference())

@@ -1,0 +1,107 @@
+"""The same tests in other Blenders: the bpy module of 5.2 LTS and of 5.0 in environments of their own, and a real one.
+
+The environments are made on first use in .venv-blender52 and .venv-blender50, beside .venv.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from model_files import make_model, write_model
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+NEEDS = ("numpy", "pillow", "pytest")
+# What a version can break: installing, evaluating, node groups, baking, saving, undo, rendering.
+ESSENTIAL = (
+    "disables_and_enables or panels_draw or live_points_follow or draws_what or bake_equals_live or baked_file_needs "
+    "or drone_camera or save_and_reload or undo or deleted_by_hand or rendered_colour or clip_time_live or keyed "
+    "or colours_show or ghosts or filters or discs or usd or splats or relinked or motion_blur or passes or shadow"
+)
+
+
+def python_of(version: str) -> str | None:
+    """A Python of this version: on PATH, or of pyenv."""
+    found = shutil.which(f"python{version}")
+    pyenv = sorted(
+        Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions").glob(f"{version}.*/bin/python")
+    )
+    candidates = [*([found] if found else []), *map(str, pyenv)]
+    for candidate in candidates:  # pyenv's shims are on PATH for versions that are not chosen, and fail
+        if subprocess.run([candidate, "-c", ""], capture_output=True, check=False).returncode == 0:
+            return candidate
+    return None
+
+
+def environment(name: str, python_version: str, bpy_version: str) -> Path:
+    """The Python of an environment with this bpy, made where it is missing."""
+    python = python_of(python_version)
+    if python is None:
+        pytest.skip(f"bpy {bpy_version} needs Python {python_version}, which is neither on PATH nor in pyenv")
+    folder = ROOT / name
+    inside, stamp = folder / "bin" / "python", folder / "installed"
+    if not stamp.exists():
+        subprocess.run([python, "-m", "venv", "--clear", str(folder)], check=True, timeout=120)
+        install = [str(inside), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", f"bpy=={bpy_version}"]
+        done = subprocess.run([*install, *NEEDS], capture_output=True, text=True, timeout=900, check=False)
+        if done.returncode != 0:
+            shutil.rmtree(folder)
+            pytest.skip(f"bpy {bpy_version} could not be installed: {done.stderr.strip().splitlines()[-1]}")
+        stamp.touch()
+    return inside
+
+
+def run_tests(python: Path, expression: str, timeout: int) -> str:
+    """Run the add-on's tests there; their summary."""
+    # The outer conftest is for torch, which is not there.
+    command = [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, "--rootdir", "."]
+    command += ["--confcutdir", "."]
+    files = [f"test_addon_{name}.py" for name in ("blender", "features")]
+    settings = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [*command, *files, "-k", expression],
+        cwd=Path(__file__).parent,
+        env=settings,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-1000:]
+    return done.stdout
+
+
+def test_in_blender_5_2() -> None:
+    summary = run_tests(environment(".venv-blender52", "3.13", "5.2.*"), ESSENTIAL, 600)
+    assert int(re.findall(r"(\d+) passed", summary)[-1]) > 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "python_version", "bpy_version"),
+    [(".venv-blender52", "3.13", "5.2.*"), (".venv-blender50", "3.11", "5.0.*")],
+)
+def test_everything_in(name: str, python_version: str, bpy_version: str) -> None:
+    summary = run_tests(environment(name, python_version, bpy_version), "not unusable_file", 1800)
+    assert int(re.findall(r"(\d+) passed", summary)[-1]) > 60
+
+
+def test_in_a_real_blender(extension_zip: Path, tmp_path: Path) -> None:
+    """Whatever blender is on PATH, from 4.5 on: install, import, bake, save, render."""
+    blender = shutil.which("blender")
+    if blender is None:
+        pytest.skip("no blender on PATH")
+    version = subprocess.run([blender, "--version"], capture_output=True, text=True, timeout=60, check=False).stdout
+    numbers = re.search(r"Blender (\d+)\.(\d+)", version)
+    if numbers is None or (int(numbers[1]), int(numbers[2])) < (4, 5):
+        pytest.skip(f"the blender on PATH is {version.splitlines()[0] if version else 'unknown'}; 4.5 is needed")
+    model = write_model(tmp_path / "model.safetensors", *make_model(300))
+    script = ROOT / "addon" / "make_flyover_blend.py"
+    command = [blender, "-b", "-P", str(script), "--", str(model), "--extension", str(extension_zip)]
+    outputs = ["--out", str(tmp_path / "flyover.blend"), "--render", str(tmp_path / "frame.png")]
+    done = subprocess.run([*command, *outputs], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "flyover.blend").stat().st_size > 10_000
+    assert (tmp_path / "frame.png").stat().st_size > 1_000

@@ -1,0 +1,135 @@
+"""Experiments on the toy capture: real processes, stopped, killed and continued."""
+
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from aa4d.errors import InputError
+from aa4d.experiments.runner import run_experiment, trials_of
+from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
+from aa4d.field.aggregation import AGGREGATIONS
+from aa4d.model import ModelConfig
+from aa4d.training.config import PRESETS, with_iterations
+from tests.training.short_run import SHORT
+
+TINY = replace(SHORT, coarse_iterations=4, fine_iterations=4)
+TWO = Experiment(
+    "two", "Two", (Variant("product", {"aggregation": "product"}), Variant("gamma 2", warp={"gamma": 2.0}))
+)
+
+
+class Quiet:
+    """Remembers what it was told."""
+
+    def __init__(self) -> None:
+        self.finished = 0
+        self.ended: list[str] = []
+
+    def start(self, trials: int, finished: int, iterations: int) -> None:  # noqa: ARG002
+        self.finished = finished
+
+    def trial_started(self, name: str) -> None: ...
+
+    def trial_at(self, name: str, iterations: int) -> None: ...
+
+    def trial_ended(self, name: str, sentence: str) -> None:
+        self.ended.append(f"{name}: {sentence}")
+
+
+def test_trials_run_once_side_by_side_and_their_rows_stay(toy_capture: Path, tmp_path: Path) -> None:
+    out = tmp_path / "two"
+    trials = trials_of(TWO, [toy_capture], out, TINY, 1)
+    first, again = Quiet(), Quiet()
+    rows = run_experiment(TWO, trials, out, 2, first)
+    assert [row["variant"] for row in rows] == ["product", "gamma 2"]
+    assert len(first.ended) == 2
+    written = (out / "rows.csv").read_bytes()
+    assert run_experiment(TWO, trials, out, 2, again) == rows
+    assert (again.finished, again.ended) == (2, [])
+    assert (out / "rows.csv").read_bytes() == written
+    assert (out / "capture/product/seed0/model.safetensors").exists()
+    with pytest.raises(InputError, match="another training"):
+        run_experiment(TWO, trials_of(TWO, [toy_capture], out, replace(TINY, voxel_px=9.0), 1), out, 1, Quiet())
+
+
+def test_a_trial_that_fails_does_not_stop_the_others(toy_capture: Path, tmp_path: Path) -> None:
+    broken = Experiment("one", "One", (Variant("bad", {"aggregation": "vote"}), Variant("good")))
+    watcher = Quiet()
+    with pytest.raises(InputError, match=r"1 of 2 runs failed, the first so: aggregation 'vote' is unknown"):
+        run_experiment(broken, trials_of(broken, [toy_capture], tmp_path / "x", TINY, 1), tmp_path / "x", 1, watcher)
+    with (tmp_path / "x/rows.csv").open() as file:
+        assert [row["variant"] for row in csv.DictReader(file)] == ["good"]
+
+
+def test_captures_of_one_name_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="two captures are called 'c'"):
+        trials_of(TWO, [tmp_path / "a/c", tmp_path / "b/c"], tmp_path, TINY, 1)
+
+
+def test_every_variant_is_one_that_training_knows() -> None:
+    for experiment in (*ABLATIONS.values(), *SWEEPS.values()):
+        labels = [variant.label for variant in experiment.variants]
+        assert len({label.replace(" ", "-") for label in labels}) == len(labels)
+        for variant in experiment.variants:
+            variant.config(PRESETS["quick"])
+            ModelConfig(**variant.model)
+    assert {v.model["aggregation"] for v in ABLATIONS["aggregation"].variants} == set(AGGREGATIONS)
+    assert all(e.variants[0].config(PRESETS["paper"]) == PRESETS["paper"] for e in SWEEPS.values())
+
+
+def test_a_shorter_schedule_keeps_its_proportions() -> None:
+    config = with_iterations(PRESETS["quick"], 80, 300)
+    assert (config.coarse_iterations, config.fine_iterations) == (80, 300)
+    window = config.densification
+    assert (window.statistics_from, window.start, window.until) == (10, 30, 180)
+
+
+def command(capture: Path, out: Path, fine: int) -> list[str]:
+    options = ["--out", str(out), "--seeds", "1", "--jobs", "2", "--iterations", "10", str(fine)]
+    return [sys.executable, "-m", "aa4d.cli", "sweep", "smoothing", str(capture), *options]
+
+
+def wait_for(condition: Path) -> None:
+    deadline = time.monotonic() + 60
+    while not condition.exists():
+        assert time.monotonic() < deadline, f"{condition} never came"
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_a_stopped_or_killed_sweep_leaves_no_process_and_continues(
+    toy_capture: Path, tmp_path: Path, how: signal.Signals
+) -> None:
+    out = tmp_path / "sweep"
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen(
+        command(toy_capture, out, 200), env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    wait_for(out / "capture/1.5-bins/seed0/coarse.safetensors")
+    process.send_signal(how)
+    _, said = process.communicate(timeout=60)
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert re.search(r"0 of 3 runs are done, and the same command continues", said)
+        assert (out / "capture/1.5-bins/seed0/model.safetensors").exists()
+    # The lock of a run is free once its process is gone; else the same command would be refused.
+    result = subprocess.run(
+        command(toy_capture, out, 200), env=environment, capture_output=True, text=True, timeout=180
+    )
+    if how == signal.SIGKILL and "another process is training there" in result.stderr:
+        time.sleep(2)
+        result = subprocess.run(
+            command(toy_capture, out, 200), env=environment, capture_output=True, text=True, timeout=180
+        )
+    assert result.returncode == 0, result.stderr
+    assert (out / "table.md").read_text().count("±") == 0
+    assert len((out / "table.md").read_text().splitlines()) == 7

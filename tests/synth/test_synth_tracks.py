@@ -1,0 +1,191 @@
+"""Tables of tracks: SUMO's floating car data and measured ones."""
+
+import importlib.util
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from synth.errors import InputError
+from synth.plan import make_fleet, make_plan
+from synth.spec import Scene, Traffic, read_scene
+from synth.traffic.fleet import BODIES
+from synth.traffic.tracks import Tracks, TrackTable, read_tracks
+
+CSV_HEAD = (
+    "timestep_time;vehicle_angle;vehicle_id;vehicle_lane;vehicle_pos;vehicle_speed;vehicle_type;vehicle_x;vehicle_y"
+)
+
+
+def sumo_csv(path: Path, rows: list[tuple[float, str, float, float, float]]) -> Path:
+    """Rows of time, id, x, y, angle."""
+    lines = [f"{t};{angle};{name};l;0;0;DEFAULT_VEHTYPE;{x};{y}" for t, name, x, y, angle in rows]
+    path.write_text("\n".join([CSV_HEAD, *lines]) + "\n")
+    return path
+
+
+def read(path: Path, form: str = "sumo", **keys: object) -> Tracks:
+    return read_tracks(TrackTable(file=path.name, format=form, **keys), path.parent)  # type: ignore[arg-type]
+
+
+def test_front_bumper_and_clockwise_angle_are_converted(tmp_path: Path) -> None:
+    """Driving east at 10 m/s: SUMO's angle is 90 degrees, its position the front bumper."""
+    path = sumo_csv(tmp_path / "f.csv", [(0.1 * k, "a", 1.0 * k, 5.0, 90.0) for k in range(31)])
+    tracks = read(path)
+    centres, headings = tracks.poses(1.5)
+    assert centres[0] == pytest.approx([15.0 - BODIES["saloon"].length_m / 2, 5.0])
+    assert headings[0] == pytest.approx(0.0, abs=1e-12)
+    assert tracks.speeds(1.5)[0] == pytest.approx(10.0)
+    north = read(sumo_csv(tmp_path / "n.csv", [(0.1 * k, "a", 5.0, 1.0 * k, 0.0) for k in range(31)]))
+    assert north.poses(1.0)[1][0] == pytest.approx(math.pi / 2)
+    assert north.poses(1.0)[0][0] == pytest.approx([5.0, 10.0 - BODIES["saloon"].length_m / 2])
+
+
+def test_xml_and_csv_are_the_same(tmp_path: Path) -> None:
+    rows = [(0.5 * k, "a", 3.0 * k, 0.1 * k * k, 90.0 - 2.0 * k) for k in range(20)]
+    table = read(sumo_csv(tmp_path / "f.csv", rows))
+    steps = "".join(
+        f'<timestep time="{t}"><vehicle id="{n}" x="{x}" y="{y}" angle="{a}" type="car" speed="0"/></timestep>'
+        for t, n, x, y, a in rows
+    )
+    (tmp_path / "f.xml").write_text(f"<fcd-export>{steps}</fcd-export>")
+    other = read(tmp_path / "f.xml")
+    for time_s in np.linspace(0, 9.5, 50):
+        np.testing.assert_array_equal(table.poses(float(time_s))[0], other.poses(float(time_s))[0])
+
+
+def test_sideways_jump_at_a_lane_change_does_not_turn_the_vehicle_on_the_spot(tmp_path: Path) -> None:
+    rows = [(0.04 * k, "a", 0.4 * k, 0.0 if k < 100 else 3.2, 90.0) for k in range(200)]
+    tracks = read(sumo_csv(tmp_path / "f.csv", rows))
+    headings = np.array([tracks.poses(float(t))[1][0] for t in np.arange(0, 7.9, 0.01)])
+    assert np.abs(np.diff(headings)).max() < math.radians(4)  # SUMO's own direction of motion jumps by 83 degrees
+    assert headings[0] == pytest.approx(0.0, abs=1e-9)
+    assert headings[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_who_stands_keeps_its_heading(tmp_path: Path) -> None:
+    """Stops after a bend, with noise of a centimetre, and goes on."""
+    angle = np.concatenate([np.linspace(0, math.pi / 2, 40), np.full(60, math.pi / 2), np.full(40, math.pi / 2)])
+    step = np.concatenate([np.full(40, 0.5), np.zeros(60), np.full(40, 0.5)])
+    x, y = np.cumsum(step * np.cos(angle)), np.cumsum(step * np.sin(angle))
+    rows = [(0.1 * k, "a", x[k], y[k], 90.0 - math.degrees(angle[k])) for k in range(140)]
+    tracks = read(sumo_csv(tmp_path / "f.csv", rows))
+    standing = np.array([tracks.poses(float(t))[1][0] for t in np.linspace(4.5, 9.5, 101)])
+    assert np.ptp(standing) < 1e-9
+    assert standing[0] == pytest.approx(math.pi / 2, abs=0.25)
+    assert tracks.speeds(7.0)[0] == 0.0
+
+
+def test_positions_between_samples_are_continuous_whatever_the_frame_rate(tmp_path: Path) -> None:
+    """30 frames a second against samples of 40 ms: neither divides the other, nor a whole millisecond."""
+    rows = [(0.04 * k, "a", 0.02 * (0.04 * k) ** 2 * 100, 0.0, 90.0) for k in range(200)]
+    tracks = read(sumo_csv(tmp_path / "f.csv", rows))
+    for fps in (30.0, 29.97, 7.3):
+        x = np.array([tracks.poses(k / fps)[0][0, 0] for k in range(int(7.9 * fps))])
+        exact = 2.0 * (np.arange(len(x)) / fps) ** 2 - BODIES["saloon"].length_m / 2
+        assert np.abs(x - exact)[2:].max() < 2e-3
+
+
+def test_vehicles_are_present_while_the_table_has_them(tmp_path: Path) -> None:
+    rows = [(0.5 * k, "a", 5.0 * k, 0.0, 90.0) for k in range(5)] + [
+        (4 + 0.5 * k, "b", 5.0 * k, 9.0, 90.0) for k in range(5)
+    ]
+    tracks = read(sumo_csv(tmp_path / "f.csv", rows), start_s=1.0)
+    assert tracks.here(0.0).tolist() == [True, False]
+    assert tracks.here(2.0).tolist() == [False, False]
+    assert tracks.here(3.5).tolist() == [False, True]
+    assert tracks.speeds(2.0).tolist() == [0.0, 0.0]
+
+
+def test_far_origin_is_refused_and_recentred_on_request(tmp_path: Path) -> None:
+    rows = [(0.1 * k, "a", 500_000.0 + k, 5_000_000.0, 90.0) for k in range(21)]
+    path = sumo_csv(tmp_path / "f.csv", rows)
+    with pytest.raises(InputError, match="recentre = true"):
+        read(path)
+    tracks = read(path, recentre=True)
+    assert np.abs(tracks.poses(1.0)[0]).max() < 15
+    assert tracks.origin_m[1] == 5_000_000.0
+
+
+def test_measured_tracks(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    lines = [f"a,{0.2 * k},{2.0 * k},1.0,bus" for k in range(20)] + [
+        f"p,{0.2 * k},0.0,{7 + 0.25 * k},pedestrian" for k in range(20)
+    ]
+    path.write_text("id,time_s,x_m,y_m,kind\n" + "\n".join(lines) + "\n")
+    tracks = read(path, "metres")
+    assert tracks.kinds == ("bus", "pedestrian")
+    assert tracks.poses(1.0)[0][0] == pytest.approx([10.0, 1.0])
+    assert tracks.poses(1.0)[1][1] == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a;b\n1;2\n", "columns"),
+        (CSV_HEAD + "\n", "holds no tracks"),
+        (CSV_HEAD + "\n0;90;a;l;0;0;t;nan;0\n1;90;a;l;0;0;t;1;0\n", "line 2: x: 'nan' must be a finite number"),
+        (CSV_HEAD + "\n0;90;a;l;0;0;t;0;0\n", "one sample only"),
+        (CSV_HEAD + "\n1;90;a;l;0;0;t;0;0\n1;90;a;l;0;0;t;2;0\n", "two places at 1 s"),
+    ],
+)
+def test_bad_tables_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "f.csv").write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        read(tmp_path / "f.csv")
+    assert "\n" not in str(caught.value)
+
+
+def test_files_outside_the_scenes_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="folder"):
+        read_tracks(TrackTable(file="../secret.csv", format="sumo"), tmp_path)
+    with pytest.raises(InputError, match="cannot read"):
+        read(tmp_path / "absent.csv")
+
+
+@pytest.fixture(scope="module")
+def quiet_scene() -> Scene:
+    scene = read_scene(Path(__file__).resolve().parents[2] / "scenes" / "tiny.toml")
+    return replace(scene, vehicles=(), signal=None, traffic=Traffic(parked_share=0.0))
+
+
+def test_a_table_drives_a_scene(quiet_scene: Scene, tmp_path: Path) -> None:
+    sumo_csv(tmp_path / "f.csv", [(0.1 * k, "a", 0.8 * k - 20, -1.6, 90.0) for k in range(60)])
+    plan = make_plan(replace(quiet_scene, tracks=TrackTable(file="f.csv", format="sumo")), tmp_path)
+    assert [i.name for i in plan.fleet.instances] == ["track-saloon-001"]
+    assert plan.fleet.moving(1.0).tolist() == [True]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("sumo") is None, reason="needs eclipse-sumo (pip install eclipse-sumo)")
+def test_sumo_itself(quiet_scene: Scene, tmp_path: Path) -> None:
+    """A grid of two-lane streets simulated by SUMO: smooth headings, no overlaps, bodies behind their bumpers."""
+    import sumo
+
+    def run(tool: str, *arguments: object) -> None:
+        command = [str(Path(sumo.SUMO_HOME) / "bin" / tool), *map(str, arguments)]
+        subprocess.run(command, check=True, cwd=tmp_path, capture_output=True, timeout=120)
+
+    run("netgenerate", "--grid", "--grid.number", 3, "--grid.length", 120, "-L", 2, "-o", "net.xml")
+    flows = [("A1B1", "B1C1"), ("C1B1", "B1A1"), ("B0B1", "B1B2"), ("A1B1", "B1B2"), ("B2B1", "B1C1")]
+    text = "".join(
+        f'<flow id="f{k}" from="{a}" to="{b}" begin="0" end="40" period="4"/>' for k, (a, b) in enumerate(flows)
+    )
+    (tmp_path / "flows.xml").write_text(f"<routes>{text}</routes>")
+    run("sumo", "-n", "net.xml", "-r", "flows.xml", "--step-length", 0.04, "--end", 40, "--fcd-output", "out.csv",
+        "--lanechange.duration", 2.5, "--time-to-teleport", -1, "--collision.action", "warn")  # fmt: skip
+    table = TrackTable(file="out.csv", format="sumo", start_s=25.0, recentre=True)
+    scene = replace(quiet_scene, tracks=table)
+    tracks = read_tracks(table, tmp_path)
+    assert len(tracks.tracks) > 20
+    for track in tracks.tracks:
+        turn = np.abs(np.diff(track.headings))
+        assert turn.max() < math.radians(6), "a heading jumps within 40 ms"
+        standing = np.hypot(*np.diff(track.centres, axis=0).T) < 1e-9
+        assert (turn[standing] < 1e-9).all()
+    fleet = make_fleet(scene, 8.0, tmp_path)  # refuses overlaps
+    assert fleet.moving(4.0).sum() > 5
+    assert sys.modules.get("libsumo") is None  # a table, not a binding

@@ -1,0 +1,114 @@
+"""CUDA without a GPU: tensors that only have a device and a shape show whether everything is made where it belongs."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor, nn
+from torch._subclasses.fake_tensor import FakeTensorMode
+
+from aa4d import rendering
+from aa4d.anchors.densification import Statistics
+from aa4d.capture.reader import read_capture
+from aa4d.device import choose_device
+from aa4d.errors import InputError
+from aa4d.evaluation.views import view_of_frame
+from aa4d.field.warping import density_adaptive_boundaries
+from aa4d.model import ModelConfig
+from aa4d.model_file import load_model
+from aa4d.raster.types import Camera, Gaussians, Rendering
+from aa4d.training.optimiser import make_optimiser, set_rates
+from aa4d.training.trainer import Run, train
+from tests.training.short_run import SHORT
+
+# A device that this PyTorch always has, and that fake tensors mix with the CPU as little as they do CUDA.
+OTHER = torch.device("meta")
+
+
+def blurred(gaussians: Gaussians, camera: Camera, *, background: Tensor, depth: bool) -> Rendering:
+    """Stands for the rasteriser: every input reaches every pixel."""
+    assert not depth
+    mean = sum(value.mean() for value in vars(gaussians).values() if value is not None)
+    color = (mean + background + camera.viewmat.sum() + camera.K.sum()).expand(camera.height, camera.width, 3)
+    radii = gaussians.opacities.detach().int()
+    return Rendering(color, color[..., 0], None, radii, gaussians.opacities.detach())
+
+
+def moved(module: nn.Module, device: torch.device) -> nn.Module:
+    """`Module.to`, which cannot exchange fake tensors in place."""
+    for part in module.modules():
+        for name, parameter in list(part.named_parameters(recurse=False)):
+            setattr(part, name, nn.Parameter(parameter.detach().to(device)))
+        for name, buffer in list(part.named_buffers(recurse=False)):
+            setattr(part, name, buffer.to(device))
+    return module
+
+
+@pytest.mark.parametrize("stage", ["coarse", "fine"])
+def test_what_a_training_step_computes_mixes_no_devices(
+    toy_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
+) -> None:
+    monkeypatch.setattr(rendering, "rasterize", blurred)
+    monkeypatch.setattr(rendering, "in_view", lambda position, _: torch.arange(len(position), device=position.device))
+    monkeypatch.setattr(nn.Module, "to", moved)
+    capture = read_capture(toy_capture)
+    with FakeTensorMode(allow_non_fake_inputs=True):
+        run = Run(capture, tmp_path, SHORT, ModelConfig(spatial_resolutions=(4,), temporal_resolution=4), OTHER)
+        state = run.initial_state()
+        state.stage = stage
+        state.optimiser = make_optimiser(state.model, SHORT.rates, stage)
+        set_rates(state.optimiser, 0.5)
+        view = run.views[0]
+        rendered = run._render(state, view)
+        loss, squared_error = run._loss(state.model, stage, rendered, view.target())
+        loss.backward()
+        state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering)
+        u = state.model.field.normalise(state.model.anchors.position)
+        assert density_adaptive_boundaries(u, 64, 1.5, 1.0, 0.2, 0.8).device == OTHER
+        assert isinstance(state.statistics, Statistics)
+        assert {v.device for v in vars(state.statistics).values()} == {OTHER}
+        assert loss.device == squared_error.device == rendered.rendering.color.device == OTHER
+        for group in state.optimiser.param_groups:
+            for parameter in group["params"]:
+                assert parameter.device == OTHER
+                assert parameter.grad is None or parameter.grad.device == OTHER
+
+
+def test_evaluation_views_a_frame_where_the_model_lies(toy_capture: Path, tmp_path: Path) -> None:
+    capture = read_capture(toy_capture)
+    train(capture, tmp_path / "run", replace(SHORT, coarse_iterations=1, fine_iterations=1), lambda *_: None)
+    loaded = load_model(tmp_path / "run/model.safetensors", OTHER)
+    assert {value.device for value in loaded.model.state_dict().values()} == {OTHER}
+    _, camera, background = view_of_frame(loaded, capture, 0)
+    assert camera.viewmat.device == camera.K.device == background.device == OTHER
+
+
+def test_auto_is_the_cpu_where_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert choose_device("auto") == choose_device("cpu") == torch.device("cpu")
+    with pytest.raises(InputError, match=r"finds no CUDA GPU here; .* use --device cpu"):
+        choose_device("cuda")
+
+
+def test_a_gpu_without_gsplat_is_used_only_when_asked_for_and_then_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr("aa4d.device.find_spec", lambda _: None)
+    assert choose_device("auto") == torch.device("cpu")
+    with pytest.raises(InputError, match="pip install gsplat"):
+        choose_device("cuda")
+    monkeypatch.setattr("aa4d.device.find_spec", lambda name: name)
+    assert choose_device("auto") == choose_device("cuda") == torch.device("cuda")
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_missing_gpu_is_one_sentence_and_exit_code_2(toy_capture: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "aa4d.cli", "train", str(toy_capture), "--out", str(out), "--device", "cuda"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert result.returncode == 2
+    assert result.stderr.startswith("aa4d: --device cuda: PyTorch ")
+    assert result.stderr.count("\n") == 1
+    assert not out.exists()
