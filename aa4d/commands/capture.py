@@ -28,8 +28,9 @@ def capture(
     ],
     out: Annotated[Path, arg(help="Folder for the capture: new, empty, or this capture where it stopped.")],
     preset: Annotated[
-        Literal["fast", "accurate"], arg(help="fast: for a first look. accurate: more features, pairs and adjustment.")
-    ] = "accurate",
+        Literal["fast", "accurate"],
+        arg(help="accurate: more features, pairs and adjustment, for footage that fast does not register."),
+    ] = "fast",
     rate: Annotated[
         float | None, arg(help="Frames a second to use; by default as many as --max-frames allows.")
     ] = None,
