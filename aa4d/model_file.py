@@ -152,6 +152,8 @@ def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
     except FileNotFoundError:
+        if path.parent.is_file():
+            raise InputError(f"{path.parent}: is a file; name the folder of the run that holds it") from None
         raise InputError(f"{path}: no such model file; make one with `aa4d train`") from None
     except (SafetensorError, OSError, ValueError, struct.error) as error:
         raise InputError(f"{path}: not a whole safetensors file ({error}); copy or train it again") from None
