@@ -26,6 +26,7 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
     [
         (("synth", "absent.toml", "--out", "capture"), "absent.toml: cannot read the scene file"),
         (("train", "absent", "--out", "run"), "absent: no such capture folder"),
+        (("train", __file__, "--out", "run"), "test_cli.py: is a file; name the folder of the capture"),
         (("eval", "absent"), "no such model file"),
         (("inspect", "absent"), "no such model file"),
         (("render", "absent"), "no such model file"),

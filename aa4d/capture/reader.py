@@ -83,6 +83,8 @@ def read_capture(folder: Path) -> Capture:
         InputError: names the file and the key that is missing, malformed or not finite.
     """
     index = folder / "capture.json"
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file; name the folder of the capture that holds it")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such capture folder; make one with `aa4d synth`")
     if not index.exists():
