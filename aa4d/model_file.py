@@ -209,9 +209,7 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
             aggregation=aggregation,
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(
-            f"{path}: the header's config is wrong ({error!r}); train the model again"
-        ) from None
+        raise InputError(f"{path}: the header's config is wrong ({error!r}); train the model again") from None
 
 
 def _switch(config: dict[str, Any], name: str, path: Path) -> bool:
