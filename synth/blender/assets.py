@@ -13,7 +13,6 @@ from synth.errors import InputError
 from synth.models import Model
 from synth.traffic.fleet import BODIES
 
-
 ASKEW = 1.2  # times as wide as long: no vehicle is
 
 
@@ -75,9 +74,10 @@ def _fit(mesh: Any, model: Model) -> None:
     size = high - low
     box = BODIES[model.kind].dimensions_m
     if box[0] > box[1] and size.y > ASKEW * size.x:
+        times = size.y / max(size.x, 1e-9)
         raise InputError(
-            f"{model.path}: with yaw_deg = {model.yaw_deg:g} the model is {size.y / max(size.x, 1e-9):.1f} times as wide "
-            f"as long; turn it by 90 degrees more or less, so that it looks along +x."
+            f"{model.path}: with yaw_deg = {model.yaw_deg:g} the model is {times:.1f} times as wide as long; turn it "
+            "by 90 degrees more or less, so that it looks along +x."
         )
     scale = min(box[axis] / size[axis] for axis in range(3) if size[axis] > 1e-9)
     foot = Vector(((low.x + high.x) / 2, (low.y + high.y) / 2, low.z))
