@@ -149,8 +149,11 @@ def anchor_state(field: Field, t: float, *, offsets: bool = True) -> AnchorState
         if field.scale is not None:
             log_scales[part] += field.scale(t, part)
 
+        np.exp(log_scales[part], out=scales[part])
+
+    scales = np.empty_like(log_scales)
     over_chunks(len(positions), move)
-    return AnchorState(positions, features, spread, np.exp(log_scales))
+    return AnchorState(positions, features, spread, scales)
 
 
 def anchor_positions(field: Field, t: float) -> Floats:

@@ -59,12 +59,17 @@ def over_chunks(count: int, work: Callable[[slice], Result]) -> list[Result]:
 
     The threads live no longer than the call: Blender wants none at other times.
     """
+
+    def quietly(part: slice) -> Result:
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers that overflow are the caller's to find
+            return work(part)
+
     parts = list(_chunks(count))
     threads = min(len(parts), _processors(), MOST_THREADS)
     if threads < 2:
-        return [work(part) for part in parts]
+        return [quietly(part) for part in parts]
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, parts))
+        return list(pool.map(quietly, parts))
 
 
 def _chunks(count: int) -> Iterator[slice]:

@@ -334,7 +334,7 @@ def test_statistics_of_the_selection(bpy: Any, extension: str, model_path: Path)
         assert bpy.ops.aa4d.measure_selection() == {"FINISHED"}
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
-    text = importlib.import_module(f"{extension}.operators").statistics[obj.session_uid]
+    text = importlib.import_module(f"{extension}.operators.inspection").statistics[obj.session_uid]
     assert text[0] == "7 of 60 points"
     center = attribute(obj.data, "position")[:7].mean(axis=0)
     assert text[1] == "centre {:.2f}, {:.2f}, {:.2f} m".format(*center)
