@@ -1,5 +1,7 @@
 """What the operators on an imported object share."""
 
+from typing import Any, cast
+
 import bpy
 
 REGISTER_UNDO = {"REGISTER", "UNDO"}
@@ -30,5 +32,7 @@ class OnOwnObject(OnImportedObject):
         obj = context.active_object
         if obj.library is None and obj.data.library is None:
             return True
-        cls.poll_message_set("The object belongs to another file; make it local first")
+        cast(Any, cls).poll_message_set(  # of bpy.types.Operator, which every user of this class is
+            "The object belongs to another file; make it local first"
+        )
         return False
