@@ -726,7 +726,7 @@ def test_presets_set_what_exists(bpy: Any, extension: str) -> None:
 def test_translations_are_of_texts_that_exist(bpy: Any, extension: str) -> None:
     table = importlib.import_module(f"{extension}.translations").GERMAN
     folder = Path(importlib.import_module(extension).__file__).parent
-    source = "".join(path.read_text() for path in folder.glob("*.py") if path.name != "translations.py")
+    source = "".join(path.read_text() for path in folder.rglob("*.py") if path.name != "translations.py")
     assert [text for text in table if f'"{text}"' not in source and f'"""{text}"""' not in source] == []
     view = bpy.context.preferences.view
     before = view.language, view.use_translate_interface
