@@ -105,6 +105,30 @@ def test_neither_numpy_without_a_blas_nor_threads_show(
         np.testing.assert_allclose(values, expected[attribute], rtol=1e-4, atol=2e-4, err_msg=attribute.name)
 
 
+def test_threads_of_the_blas_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While chunks run in threads of ours, it has one; afterwards as many as before, even after a failure."""
+    counts = [4]
+    blas = products.OpenBlas(lambda: counts[-1], counts.append)
+    monkeypatch.setattr(products, "_openblas", lambda: blas)
+    monkeypatch.setattr(products, "_processors", lambda: 2)
+    assert products.over_chunks(2 * CHUNK, lambda part: (part.start, counts[-1])) == [(0, 1), (CHUNK, 1)]
+    assert counts == [4, 1, 4]
+    with pytest.raises(ZeroDivisionError):
+        products.over_chunks(2 * CHUNK, lambda part: 1 / part.start)
+    assert counts == [4, 1, 4, 1, 4]
+
+
+def test_openblas_of_numpy_is_found() -> None:
+    if not list(Path(np.__file__).parent.parent.glob("numpy.libs/*openblas*")):
+        pytest.skip("this numpy brings no OpenBLAS")
+    blas = products._openblas()
+    assert blas is not None
+    before = blas.get_threads()
+    with products._one_blas_thread():
+        assert blas.get_threads() == 1
+    assert blas.get_threads() == before >= 1
+
+
 @pytest.mark.parametrize("name", ["xy", "yt"])
 def test_plane_of_one_texel_is_constant(name: str, tmp_path: Path) -> None:
     tensors, information = make_model(10)
