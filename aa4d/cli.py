@@ -11,6 +11,7 @@ from rich.console import Console
 
 from aa4d.commands.ablate import ablate
 from aa4d.commands.bench import bench
+from aa4d.commands.capture import capture
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
 from aa4d.commands.export import export
@@ -32,6 +33,7 @@ os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "synth": synth,
+    "capture": capture,
     "train": train,
     "eval": evaluate,
     "inspect": inspect,

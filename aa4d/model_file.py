@@ -53,7 +53,7 @@ def _is_plane(parameter: str) -> bool:
     return parameter.startswith("field.planes.")
 
 
-def _as_in_file(parameter: str, value: Tensor) -> Tensor:
+def as_in_file(parameter: str, value: Tensor) -> Tensor:
     """A plane is [C, R2, R1] in the file."""
     return value.permute(2, 0, 1) if _is_plane(parameter) else value
 
@@ -97,7 +97,7 @@ def save_model(
         "background": list(background),
         "training": training,
     }
-    tensors = {file_name_of(name): _as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
+    tensors = {file_name_of(name): as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
     _write(path, tensors, header)
 
 

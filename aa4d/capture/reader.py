@@ -78,9 +78,9 @@ def read_capture(folder: Path) -> Capture:
     """
     index = folder / "capture.json"
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such capture folder; make one with `aa4d synth`")
+        raise InputError(f"{folder}: no such capture folder; make one with `aa4d synth` or `aa4d capture`")
     if not index.exists():
-        raise InputError(f"{folder}: has no capture.json; if it is an unfinished capture, run the same synth again")
+        raise InputError(f"{folder}: has no capture.json; if it is an unfinished capture, run the same command again")
     document = read_json_object(index, "the index of a capture")
     if document.get("format") != "aa4d-capture":
         raise InputError(f'{index}: key "format" is {document.get("format")!r}, expected "aa4d-capture"')
@@ -133,10 +133,13 @@ def read_images(capture: Capture, frames: list[int]) -> NDArray[np.uint8]:
 
 
 def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
-    """Pixels of instances that move at that frame, [H, W]; None where the capture has no truth."""
+    """Pixels of what moves at that frame, [H, W]; None where nothing says so.
+
+    The truth knows the instances that move; a capture of footage has masks of movers, boxes or estimates.
+    """
     truth = capture.frames[index].truth
     if truth is None or capture.tracks is None:
-        return None
+        return _movers(capture, index)
     instance_id = _array(capture.folder / truth, "instance_id")
     tracks = capture.folder / capture.tracks
     ids, moving = _array(tracks, "instance_id"), _array(tracks, "moving")
@@ -146,6 +149,21 @@ def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
     if moving.shape != (len(capture.frames), len(ids)):
         raise InputError(f"{tracks}: moving has shape {moving.shape}, expected {(len(capture.frames), len(ids))}")
     return np.isin(instance_id, ids[moving[index]])
+
+
+def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
+    path = capture.folder / "movers" / f"{capture.frames[index].name}.png"
+    if not path.is_file():
+        return None
+    try:
+        with Image.open(path) as image:
+            mask = np.array(image.convert("L")) > 127
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{path}: mask of movers cannot be read ({error}); make the capture again") from None
+    expected = (capture.camera.height, capture.camera.width)
+    if mask.shape != expected:
+        raise InputError(f"{path}: mask of movers has shape {mask.shape}, expected {expected}; make the capture again")
+    return mask
 
 
 def depth_of(capture: Capture, index: int) -> NDArray[np.float32] | None:

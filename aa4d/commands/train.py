@@ -13,7 +13,7 @@ from aa4d.errors import InputError
 
 
 def train(
-    capture: Annotated[Positional[Path], arg(help="Capture folder, made by `aa4d synth`.")],
+    capture: Annotated[Positional[Path], arg(help="Capture folder, made by `aa4d synth` or `aa4d capture`.")],
     out: Annotated[Path, arg(help="Folder for the run: new, empty, or this run where it stopped.")],
     preset: Annotated[
         Literal["quick", "standard", "paper"],
@@ -30,6 +30,9 @@ def train(
     device: Annotated[
         Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
     ] = "auto",
+    refine_poses: Annotated[
+        bool, arg(help="Learn the training cameras' poses with the scene; for poses that are off by some pixels.")
+    ] = False,
     tensorboard: Annotated[bool, arg(help="Write OUT/tensorboard; look with `tensorboard --logdir OUT`.")] = False,
 ) -> None:
     """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
@@ -39,7 +42,7 @@ def train(
 
     if seed < 0:
         raise InputError(f"--seed {seed}: must not be negative")
-    config = replace(PRESETS[preset], seed=seed)
+    config = replace(PRESETS[preset], seed=seed, refine_poses=refine_poses)
     if iterations is not None:
         if min(iterations) < 1:
             raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")

@@ -96,6 +96,12 @@ def test_unknown_option_is_refused_with_what_is_known(option: str) -> None:
         rasterize(random_gaussians(3), camera(), background=torch.zeros(3), **options)
 
 
+@pytest.mark.parametrize("outputs", ["depth", ("depth", "normal")])
+def test_unknown_output_is_refused_with_what_is_known(outputs: Any) -> None:
+    with pytest.raises(ValueError, match="expected a collection of depth, absolute_gradient"):
+        rasterize(random_gaussians(3), camera(), background=torch.zeros(3), outputs=outputs)
+
+
 def test_unknown_instruction_set_is_refused(subprocess_python: Any) -> None:
     code = "from raster_scenes import *; draw(random_gaussians(3), camera(), 'native')"
     result = subprocess_python(code, AA4D_SIMD="mmx")
