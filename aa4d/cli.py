@@ -55,6 +55,11 @@ def main() -> None:
     except InputError as error:
         Console(stderr=True).print(f"aa4d: {error}", markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)
+    except OSError as error:  # a full disk, a file that may not be replaced
+        where = error.filename2 or error.filename or "the output"
+        sentence = f"aa4d: {where}: {error.strerror or error}; mend that, and run the same command again"
+        Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
+        sys.exit(2)
     except Interrupted as stop:
         Console(stderr=True).print(f"aa4d: {stop}", markup=False, highlight=False, soft_wrap=True)
         sys.exit(130)

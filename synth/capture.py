@@ -80,6 +80,8 @@ def _state(root: Path, plan: dict[str, Any]) -> Literal["new", "unfinished", "fi
     except ValueError:
         raise InputError(f"{root}: its {PLAN} is damaged; choose a new or empty folder.") from None
     difference = first_difference(plan, there)
+    if difference and all(path.name == PLAN for path in root.iterdir()):
+        return "new"  # a run that was refused before its first frame
     if difference:
         raise InputError(f"{root}: holds a capture of another plan ({difference}); choose a new or empty folder.")
     return "finished" if (root / INDEX).is_file() else "unfinished"

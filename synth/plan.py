@@ -129,7 +129,7 @@ def make_fleet(scene: Scene, duration_s: float, folder: Path = Path()) -> Fleet:
     lights = None
     if scene.signal is not None:
         lights = {"east_west": scene.signal.east_west_green_s, "north_south": scene.signal.north_south_green_s}
-    tracks = read_tracks(scene.tracks, folder) if scene.tracks else None
+    tracks = read_tracks(scene.tracks, folder, duration_s) if scene.tracks else None
     return build_fleet(
         scene.street.network(lights is not None), scene.vehicles, scene.flows, scene.traffic, scene.parking,
         scene.pedestrians, lights, scene.seed, duration_s, tracks,

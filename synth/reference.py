@@ -54,8 +54,10 @@ A vehicle that comes or goes during the clip is absent before and after (`presen
 its angles run clockwise from north; both are converted. Steps that are whole milliseconds need not fit the frames:
 positions between samples lie on a curve that never overshoots, and headings come from where the axles are, so that
 neither SUMO's sideways jump at a lane change nor a standing vehicle turns a body on the spot. `format = "metres"` reads
-measured tracks. Coordinates beyond 10 km, a UTM grid for instance, are refused unless `recentre` is true: at 500 km
-Blender's optical flow is wrong by up to 0.7 pixels.
+measured tracks; where these are shorter than the kinds that stand for them, bodies touch in a queue, which `overlaps =
+"allow"` lets pass. Who is not there during the clip is left out; `start_s` says where in the table it starts.
+Coordinates beyond 10 km, a UTM grid for instance, are refused unless `recentre` is true: at 500 km Blender's optical
+flow is wrong by up to 0.7 pixels.
 
 ## The heterogeneity family
 

@@ -53,8 +53,9 @@ class Greenery:
 
 @dataclass(frozen=True, kw_only=True)
 class Asset:
-    """A model of your own for one kind of road user: it is turned and scaled to the kind's length, and its paint is
-    kept. Blender's importers read it."""
+    """A model of your own for one kind of road user: it is turned, and scaled evenly until it fits the kind's box (a
+    person with outstretched arms comes out small); its paint is kept, its surfaces are taken as opaque. Blender's
+    importers read it."""
 
     kind: str = key("which kind it stands for: " + ", ".join(f"`{name}`" for name in BODIES))
     file: str = key("glTF, GLB, FBX or OBJ, relative to the scene file")

@@ -29,9 +29,9 @@ from synth.truth.reprojection import round_trip  # noqa: E402
 
 PAIRS = 24  # of frames, spread over the clip, whose points are reprojected
 TRACK_TOLERANCE_M = 0.05
+REPROJECTION_PX = 0.02
 Of = Literal["median", "p99", "worst"]
 MEDIAN: Of = "median"
-P99: Of = "p99"
 MARKS = {"median": "~", "p99": " ", "worst": "*"}
 
 
@@ -136,11 +136,7 @@ def check_reprojection(recording: Recording, advance: Callable[[], None]) -> Ite
     count = recording.count
     near = [(k, k + 1) for k in range(count - 1)]
     far = [(k, k + count // 2) for k in range(count - count // 2)] if count > 3 else []
-    # Over half the clip a surface close behind another may pass for it: there the typical residual counts.
-    for name, pairs, of, bounds in (
-        ("to the next frame", near, P99, (0.05, 0.1)),
-        ("over half the clip", far, MEDIAN, (0.005, 0.005)),
-    ):
+    for name, pairs in (("to the next frame", near), ("over half the clip", far)):
         chosen = pairs if len(pairs) <= PAIRS else [pairs[i] for i in np.linspace(0, len(pairs) - 1, PAIRS).astype(int)]
         still, moving, lost = [], [], []
         for a, b in chosen:
@@ -149,9 +145,9 @@ def check_reprojection(recording: Recording, advance: Callable[[], None]) -> Ite
             moving.append(residual[on_instance])
             lost.append(share)
             advance()
-        yield measured(f"reprojection {name}", "px", _joined(still), bounds[0], of)
-        yield measured(f"reprojection {name}, instances", "px", _joined(moving), bounds[1], of)
-        yield measured(f"not found again {name}", "share", np.array(lost), 0.5, "median")
+        yield measured(f"reprojection {name}", "px", _joined(still), REPROJECTION_PX)
+        yield measured(f"reprojection {name}, instances", "px", _joined(moving), REPROJECTION_PX)
+        yield measured(f"not found again {name}", "share", np.array(lost), 0.5, MEDIAN)
 
 
 def check_flow(recording: Recording, advance: Callable[[], None]) -> Iterator[Row]:

@@ -20,6 +20,12 @@ from aa4d.files import read_json_object
 CAPTURE_VERSION = 1
 FARTHEST_M = 10_000.0  # beyond, float32 in renderers and viewers loses what a pixel shows
 RECENTRE = "move the scene to a local origin"
+MOST_PX = 16_384  # along a side: a slip of the keyboard should not fill the memory
+LARGEST_K = 1e6  # pixels
+LONGEST_NAME = 200  # bytes: with its ending and a prefix it must fit what file systems take
+
+
+EIGHT_BITS = ("RGB", "RGBA", "L", "LA", "P", "1", "CMYK", "YCbCr")  # Pillow's names
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,8 @@ def read_capture(folder: Path) -> Capture:
         InputError: names the file and the key that is missing, malformed or not finite.
     """
     index = folder / "capture.json"
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file; name the folder of the capture that holds it")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such capture folder; make one with `aa4d synth` or `aa4d capture`")
     if not index.exists():
@@ -113,6 +121,8 @@ def read_image(capture: Capture, frame: Frame) -> NDArray[np.uint8]:
     path = capture.folder / frame.image
     try:
         with Image.open(path) as image:
+            if image.mode not in EIGHT_BITS:  # Pillow would cut 16 bits off at 255: everything white
+                raise ValueError(f"it is of mode {image.mode}, expected 8 bits a channel")
             pixels = np.array(image.convert("RGB"))
     except FileNotFoundError:
         raise InputError(f"{path}: image of frame {frame.name!r} is missing; render or copy it again") from None
@@ -218,9 +228,15 @@ def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
     width, height = value.get("width"), value.get("height")
     if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
         raise InputError(f"{index}: camera width and height must be positive integers, found {width!r} x {height!r}")
+    if max(width, height) > MOST_PX:
+        raise InputError(f"{index}: camera is {width}x{height}, over {MOST_PX} pixels along a side")
     K = matrix_of(value.get("K"), (3, 3), "camera K", index)
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         raise InputError(f"{index}: camera K has a focal length that is not positive")
+    if np.abs(K).max() > LARGEST_K:
+        raise InputError(f"{index}: camera K holds {K.flat[np.abs(K).argmax()]:g}, over {LARGEST_K:g} pixels")
+    if K[0, 1] != 0 or K[1, 0] != 0 or not np.array_equal(K[2], [0, 0, 1]):
+        raise InputError(f"{index}: camera K has a skew or another last row than 0 0 1, which no pinhole here has")
     return PinholeCamera(width, height, K)
 
 
@@ -230,9 +246,7 @@ def frame_of_index(value: Any, number: int, index: Path) -> Frame:
         raise InputError(f"{index}: frame {number} is not an object")
     name = str(value.get("name", number))
     label = f"frame {name!r}"
-    # Pictures of a frame are written under its name.
-    if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
-        raise InputError(f"{index}: {label} has a name that is no plain file name; rename the frame")
+    check_name(name, label, index)
     if value.get("viewmat") is None:
         raise InputError(f"{index}: {label} has no pose (viewmat); remove the frame or add its pose")
     viewmat = pose_of(value["viewmat"], label, index)
@@ -255,6 +269,8 @@ def check_name(name: str, label: str, index: Path) -> None:
     """Pictures of a frame are written under its name, so it must not lead anywhere else."""
     if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
         raise InputError(f"{index}: {label} has a name that is no plain file name; rename it")
+    if len(name.encode()) > LONGEST_NAME:
+        raise InputError(f"{index}: {label[:40]}...' has a name longer than {LONGEST_NAME} bytes; rename it")
 
 
 def pose_of(value: Any, label: str, index: Path) -> NDArray[np.float64]:

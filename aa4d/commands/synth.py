@@ -15,18 +15,20 @@ def synth(
     scene: Annotated[
         Positional[str],
         arg(
-            metavar="SCENE|verify|cost",
+            metavar="SCENE|verify|cost|sheet",
             help="Scene file to render, for instance scenes/crossroads.toml; or `verify` and a capture folder, to "
             "check that its truth agrees with itself; or `cost` and a scene file, to measure what accuracy costs in "
-            "time.",
+            "time; or `sheet` and scene files, to see and time a few frames of each at draft quality.",
         ),
     ],
-    path: Annotated[Positional[Path | None], arg(metavar="PATH", help="What `verify` or `cost` is about.")] = None,
+    paths: Annotated[
+        Positional[tuple[Path, ...]], arg(metavar="PATH", help="What `verify`, `cost` or `sheet` is about.")
+    ] = (),
     out: Annotated[
         Path | None,
         arg(
-            help="Folder for the capture: new, empty, or an unfinished capture of this scene. With `cost`: where the "
-            "table and the plot go."
+            help="Folder for the capture: new, empty, or an unfinished capture of this scene. With `cost` and `sheet`: "
+            "where the table and the picture go."
         ),
     ] = None,
     workers: Annotated[int, arg(help="Processes that render at the same time; the bytes are the same.")] = 1,
@@ -34,19 +36,24 @@ def synth(
     json: Annotated[Path | None, arg(help="With `verify`: a file to write the table to.")] = None,
 ) -> None:
     """Render a flyover with Blender: frames, exact poses, depth and ids, as a capture folder; or check one."""
-    words = {"verify": "a capture folder", "cost": "a scene file"}
-    if scene in words and path is None:
+    words = {"verify": "a capture folder", "cost": "a scene file", "sheet": "scene files"}
+    if scene in words and not paths:
         raise InputError(f"aa4d synth {scene}: say {words[scene]} (a scene file of that name is written ./{scene})")
-    if scene not in words and path is not None:
-        raise InputError(f"aa4d synth: {str(path)!r} is one argument too many; `verify` or `cost` may stand before it")
+    surplus = paths[0 if scene not in words else len(paths) if scene == "sheet" else 1 :]
+    if surplus:
+        raise InputError(
+            f"aa4d synth: {str(surplus[0])!r} is one argument too many; `verify`, `cost` or `sheet` may stand first"
+        )
     if json is not None and scene != "verify":
         raise InputError("--json belongs to `aa4d synth verify`")
     if scene in words and (explain or workers != 1):
         raise InputError(f"--explain and --workers belong to rendering, not to `aa4d synth {scene}`")
     if scene == "verify":
-        _verify(path, json, out)
+        _verify(paths[0], json, out)
     elif scene == "cost":
-        _cost(path, out)
+        _cost(paths[0], out)
+    elif scene == "sheet":
+        _sheet(paths, out)
     else:
         _render(Path(scene), out, workers, explain)
 
@@ -62,7 +69,7 @@ def _render(scene: Path, out: Path | None, workers: int, explain: bool) -> None:
     _end(run_in_blender("synth/render_flyover.py", *arguments))
 
 
-def _verify(capture: Path | None, json: Path | None, out: Path | None) -> None:
+def _verify(capture: Path, json: Path | None, out: Path | None) -> None:
     from aa4d.blender import run_forwarding_interrupts, script
 
     if out is not None:
@@ -71,7 +78,7 @@ def _verify(capture: Path | None, json: Path | None, out: Path | None) -> None:
     _end(run_forwarding_interrupts([*command, *(["--json", str(json)] if json else [])]))
 
 
-def _cost(scene: Path | None, out: Path | None) -> None:
+def _cost(scene: Path, out: Path | None) -> None:
     from aa4d.blender import run_in_blender
     from aa4d.cost_plot import plot
 
@@ -80,6 +87,17 @@ def _cost(scene: Path | None, out: Path | None) -> None:
     _end(run_in_blender("synth/cost.py", str(scene), "--out", str(out)))
     plot(out / "cost.json", out / "cost.png")
     print(out / "cost.png")
+
+
+def _sheet(scenes: tuple[Path, ...], out: Path | None) -> None:
+    from aa4d.blender import run_in_blender
+    from aa4d.sheet_plot import plot
+
+    if out is None:
+        raise InputError("aa4d synth sheet: --out is missing: where the table and the contact sheet go")
+    _end(run_in_blender("synth/sheet.py", *map(str, scenes), "--out", str(out)))
+    plot(out / "sheet.json", out / "sheet.jpg")
+    print(out / "sheet.jpg")
 
 
 def _end(code: int) -> None:

@@ -11,6 +11,8 @@ from tyro.conf import Positional, arg
 from aa4d.console import console, training_progress
 from aa4d.errors import InputError
 
+LARGEST_SEED = 2**63  # torch takes no larger one
+
 
 def train(
     capture: Annotated[Positional[Path], arg(help="Capture folder, made by `aa4d synth` or `aa4d capture`.")],
@@ -40,8 +42,8 @@ def train(
     from aa4d.training.config import PRESETS, with_iterations
     from aa4d.training.trainer import train as run_training
 
-    if seed < 0:
-        raise InputError(f"--seed {seed}: must not be negative")
+    if not 0 <= seed < LARGEST_SEED:
+        raise InputError(f"--seed {seed}: must be from 0 to {LARGEST_SEED - 1}")
     config = replace(PRESETS[preset], seed=seed, refine_poses=refine_poses)
     if iterations is not None:
         if min(iterations) < 1:
@@ -58,4 +60,4 @@ def train(
             tensorboard=tensorboard,
             say=lambda sentence: console.print(sentence, highlight=False, soft_wrap=True),
         )
-    console.print(f"model: {model}")
+    console.print(f"model: {model}", highlight=False, soft_wrap=True)

@@ -45,10 +45,11 @@ def rasterize(
 
     Raises:
         ValueError: a tensor has the wrong shape or holds a NaN or an infinity, or an option is unknown.
+        TypeError: something else stands where a tensor or a whole number of pixels should.
         ModuleNotFoundError: the back end needs a package that is not installed.
     """
     if backend == "auto":
-        backend = "gsplat" if gaussians.means.is_cuda else "native"
+        backend = "gsplat" if getattr(gaussians.means, "is_cuda", False) else "native"
     for name, value, known in (
         ("backend", backend, tuple(_BACKENDS)),
         ("mode", mode, ("classic", "antialiased")),

@@ -71,7 +71,7 @@ def load_checkpoint(
             position["stage"], position["iteration"], position["seconds"], model, optimiser, statistics, poses
         )
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        reason = str(error).splitlines()[0]
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
         raise InputError(f"{path}: cannot continue from this checkpoint ({reason}); delete it to start over") from None
 
 

@@ -8,23 +8,27 @@ import bpy
 from mathutils import Matrix, Vector
 
 from synth.blender.materials import carry_instance
+from synth.blender.session import unsaid
 from synth.errors import InputError
 from synth.models import Model
 from synth.traffic.fleet import BODIES
+
+ASKEW = 1.2  # times as wide as long: no vehicle is
 
 
 def import_model(model: Model) -> Any:
     """The mesh: feet on the ground, centred, +x forward, its own materials.
 
     Raises:
-        InputError: Blender cannot read the file, or finds no faces in it.
+        InputError: Blender cannot read the file, finds no faces in it, or it does not look along +x.
     """
     before = set(bpy.data.objects)
     try:
-        _importer(model.path.suffix.lower())(filepath=str(model.path))
+        with unsaid():
+            _importer(model.path.suffix.lower())(filepath=str(model.path))
     except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1] if str(error).strip() else "unknown"
-        raise InputError(f"{model.path}: Blender cannot import it: {reason}") from None
+        reason = (str(error).strip().splitlines() or ["for an unknown reason"])[-1].removeprefix("Error: ")
+        raise InputError(f"{model.path}: Blender cannot import it: {reason.rstrip('.')}.") from None
     bpy.context.view_layer.update()
     found = [thing for thing in bpy.data.objects if thing not in before]
     joined = bmesh.new()
@@ -42,7 +46,7 @@ def import_model(model: Model) -> Any:
     for thing in found:
         bpy.data.objects.remove(thing)
     if not joined.faces:
-        raise InputError(f"{model.path}: holds no faces.")
+        raise InputError(f"{model.path}: holds no faces; export the model with its meshes.")
     mesh = bpy.data.meshes.new(f"{model.kind}-model")
     joined.to_mesh(mesh)
     joined.free()
@@ -59,12 +63,22 @@ def _importer(suffix: str) -> Any:
 
 
 def _fit(mesh: Any, model: Model) -> None:
-    """Turn, scale evenly into the kind's box and stand on the ground: the boxes of the truth then hold."""
+    """Turn, scale evenly into the kind's box and stand on the ground: the boxes of the truth then hold.
+
+    Raises:
+        InputError: a vehicle that is clearly wider than long.
+    """
     mesh.transform(Matrix.Rotation(math.radians(model.yaw_deg), 4, "Z"))
     low = Vector(tuple(min(v.co[axis] for v in mesh.vertices) for axis in range(3)))
     high = Vector(tuple(max(v.co[axis] for v in mesh.vertices) for axis in range(3)))
     size = high - low
     box = BODIES[model.kind].dimensions_m
+    if box[0] > box[1] and size.y > ASKEW * size.x:
+        times = size.y / max(size.x, 1e-9)
+        raise InputError(
+            f"{model.path}: with yaw_deg = {model.yaw_deg:g} the model is {times:.1f} times as wide as long; turn it "
+            "by 90 degrees more or less, so that it looks along +x."
+        )
     scale = min(box[axis] / size[axis] for axis in range(3) if size[axis] > 1e-9)
     foot = Vector(((low.x + high.x) / 2, (low.y + high.y) / 2, low.z))
     mesh.transform(Matrix.Scale(scale, 4) @ Matrix.Translation(-foot))

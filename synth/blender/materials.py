@@ -110,9 +110,18 @@ def _multiply(tree: Any, colour: Any, factor: Any) -> Any:
 
 
 def carry_instance(imported: Any, name: str) -> Any:
-    """A material of somebody else's model, made to write the instance id too; None becomes a plain grey one."""
+    """A material of somebody else's model, made to write the instance id too; None becomes a plain grey one.
+
+    It becomes opaque: what is seen through a surface adds its id to the surface's own, and files whose format says
+    little about alpha (FBX) often come in with 0, which would be invisible.
+    """
     made = bpy.data.materials.new(name) if imported is None else imported
     made.use_nodes = True
+    for node in made.node_tree.nodes:
+        if node.type == "BSDF_PRINCIPLED":
+            for link in list(node.inputs["Alpha"].links):
+                made.node_tree.links.remove(link)
+            node.inputs["Alpha"].default_value = 1.0
     if INSTANCE not in made.node_tree.nodes:
         _instance_pass(made.node_tree)
     return made

@@ -127,6 +127,7 @@ def _blur(scene: Any, shutter: Shutter, fps: float) -> None:
 def _truth(scene: Any) -> None:
     cycles, layer = scene.cycles, scene.view_layers[0]
     cycles.samples, cycles.use_denoising, cycles.max_bounces = 1, False, 0
+    cycles.transparent_max_bounces = 0  # ids behind a surface that lets light through would add to its own
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
     layer.use_pass_z = True
     aov = layer.aovs.add()

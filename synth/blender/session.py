@@ -1,8 +1,11 @@
 """Blender as a process: an empty file, and none of its chatter on standard output."""
 
+import io
 import os
 import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from typing import TextIO
 
 import bpy
@@ -32,3 +35,19 @@ def silence() -> TextIO:
     os.close(nowhere)
     sys.stdout = ours
     return ours
+
+
+@contextmanager
+def unsaid() -> Iterator[None]:
+    """Send what an importer prints, on both streams, to nowhere: the caller tells what is raised."""
+    sys.stderr.flush()
+    ours, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        sys.stderr.flush()
+        os.dup2(ours, 2)
+        os.close(ours)
+        os.close(nowhere)

@@ -20,13 +20,18 @@ def orientation(yaw: float, pitch: float) -> Array:
     return np.stack([right, down, forward], axis=1)
 
 
-def look_at(position: Array, target: Array, up_yaw: float) -> Array:
+def look_at(position: Array, target: Array, up_yaw: float | None) -> Array:
     """Camera-to-world rotation [3, 3] towards `target`; `up_yaw` (radians) is the heading that points up at nadir.
 
-    The picture's right side is horizontal where the target lies straight ahead along `up_yaw`, also beyond nadir. It
+    Without one the horizon is level, which has no answer straight above the target: north is up there. With one the
+    picture's right side is horizontal where the target lies straight ahead along `up_yaw`, also beyond nadir. It
     is singular only where the view runs along that heading on the horizon, which no camera that looks down does.
     """
     forward = (target - position) / np.linalg.norm(target - position)
+    if up_yaw is None:
+        flat = float(np.hypot(forward[0], forward[1]))
+        yaw = math.atan2(forward[1], forward[0]) if flat > 0 else math.pi / 2
+        return orientation(yaw, math.atan2(forward[2], flat))
     # The cross product of the view with the heading, written out: it keeps its sign when the target passes below.
     right = np.cross(forward, [math.cos(up_yaw), math.sin(up_yaw), 0.0])
     right /= np.linalg.norm(right)

@@ -33,7 +33,9 @@ class Waypoints:
     kind: Literal["waypoints"] = "waypoints"
     points_m: tuple[Place, ...] = keys.place("two places or more, successive ones at least a metre apart")
     target_m: Place | None = keys.place("what it looks at; without it the view follows the curve", None)
-    yaw_deg: float = keys.angle("with a target: the heading that is up in the picture at nadir", 90.0)
+    yaw_deg: float | None = keys.angle(
+        "with a target: the heading that is up at nadir, for curves that pass above it; default: a level horizon", None
+    )
     pitch_deg: float = keys.pitch(-45.0)
 
     @cached_property
@@ -57,7 +59,8 @@ class Waypoints:
     def camera_to_world(self, share: float) -> Array:
         position, slope = self._at(share)
         if self.target_m is not None:
-            return pose(look_at(position, np.array(self.target_m), math.radians(self.yaw_deg)), position)
+            up_yaw = None if self.yaw_deg is None else math.radians(self.yaw_deg)
+            return pose(look_at(position, np.array(self.target_m), up_yaw), position)
         return pose(orientation(math.atan2(slope[1], slope[0]), math.radians(self.pitch_deg)), position)
 
     def problem(self) -> str | None:

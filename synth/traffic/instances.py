@@ -126,14 +126,18 @@ def build_fleet(network: Network, vehicles: tuple[Vehicle, ...], flows: tuple[Fl
     described += [(p.kind, "parked", None) for p in population.parked]
     if tracks is not None:
         groups.insert(1, tracks)
-        described[int(shown.sum()) : int(shown.sum())] = [(kind, "track", None) for kind in tracks.kinds]
+        described[int(shown.sum()) : int(shown.sum())] = [
+            (t.kind, f"track-{_plain(t.name)}", None) for t in tracks.tracks
+        ]
     rng = generator(seed, "paints")
     instances = []
     for number, (kind, where, colour) in enumerate(described, start=1):
         drawn = draw_paint(kind, rng)
         instances.append(Instance(number, f"{where}-{kind}-{number:03d}", kind, colour or drawn))
     fleet = Fleet(tuple(instances), tuple(groups))
-    refuse_overlaps(fleet, duration_s)
+    first = int(shown.sum())
+    may_touch = range(first, first + len(tracks.tracks)) if tracks is not None and tracks.may_touch else range(0)
+    refuse_overlaps(fleet, duration_s, may_touch)
     return fleet
 
 
@@ -143,15 +147,22 @@ def _described(population: Population, drives: Drives) -> list[tuple[str, str, P
     return list(zip(drives.kinds, where, colours, strict=True))
 
 
-def refuse_overlaps(fleet: Fleet, duration_s: float) -> None:
-    """Check the whole clip ten times a second."""
+def _plain(name: str) -> str:
+    """The id of somebody else's table as a part of a name."""
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)[:40]
+
+
+def refuse_overlaps(fleet: Fleet, duration_s: float, may_touch: range = range(0)) -> None:
+    """Check the whole clip ten times a second; those at the indices `may_touch` may overlap each other."""
     for time_s in np.linspace(0.0, duration_s, max(2, round(duration_s / CHECK_EVERY_S) + 1)):
-        clash = overlapping(fleet, float(time_s))
+        clash = [pair for pair in overlapping(fleet, float(time_s)) if not all(i in may_touch for i in pair)]
         if clash:
             first, second = (fleet.instances[i].name for i in clash[0])
-            raise InputError(
-                f"vehicles: {first} and {second} overlap at {time_s:.1f} s; change the position, speed or route of one."
-            )
+            if "track-" in (first[:6], second[:6]):
+                advice = 'give one a smaller kind in the table of tracks, or set tracks.overlaps = "allow"'
+            else:
+                advice = "change the position, speed or route of one"
+            raise InputError(f"vehicles: {first} and {second} overlap at {time_s:.1f} s; {advice}.")
 
 
 def overlapping(fleet: Fleet, time_s: float) -> list[tuple[int, int]]:

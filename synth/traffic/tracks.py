@@ -41,6 +41,10 @@ class TrackTable:
     start_s: float = key("the table's time at the first frame", unit="s", range=(0, 1e7), default=0.0)
     recentre: bool = key("move the middle of all tracks to the origin; required beyond 10 km, where flow loses pixels",
                          default=False)  # fmt: skip
+    overlaps: Literal["refuse", "allow"] = key(
+        '"allow": two road users of the table may touch, for measured ones that are shorter than their kinds',
+        default="refuse",
+    )
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,9 @@ class _Row:
 
 @dataclass(frozen=True)
 class Track:
-    """One road user: samples in time, of the centre of its footprint."""
+    """One road user: samples in time, of the centre of its footprint. `name` is its id in the table."""
 
+    name: str
     kind: str
     times_s: Array  # [N]
     centres: Array  # [N, 2]
@@ -64,10 +69,11 @@ class Track:
 
 @dataclass(frozen=True)
 class Tracks:
-    """All of a table. `origin_m` is what was subtracted from its coordinates."""
+    """All of a table. `origin_m` is what was subtracted from its coordinates; `may_touch`: each other."""
 
     tracks: tuple[Track, ...]
     origin_m: tuple[float, float]
+    may_touch: bool = False
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -92,11 +98,11 @@ class Tracks:
         return np.where(here, np.array(speeds).reshape(-1), 0.0)
 
 
-def read_tracks(table: TrackTable, folder: Path, where: str = "tracks") -> Tracks:
-    """Read a table.
+def read_tracks(table: TrackTable, folder: Path, duration_s: float, where: str = "tracks") -> Tracks:
+    """Read a table: those who are there at some time of a clip of `duration_s`.
 
     Raises:
-        InputError: the file cannot be read, holds no tracks, or lies too far from the origin.
+        InputError: the file cannot be read, holds no tracks, none during the clip, or lies too far from the origin.
     """
     path = folder / table.file
     if ".." in Path(table.file).parts or Path(table.file).is_absolute():
@@ -122,8 +128,17 @@ def read_tracks(table: TrackTable, folder: Path, where: str = "tracks") -> Track
             f"{path}: a track lies {farthest / 1000:.0f} km from the origin; set {where}.recentre = true, which moves "
             "the middle of all tracks there (far from the origin flow loses whole pixels)."
         )
-    moved = [Track(t.kind, t.times_s - table.start_s, t.centres - origin, t.headings) for t in tracks.values()]
-    return Tracks(tuple(moved), (float(origin[0]), float(origin[1])))
+    first, last = (f(track.times_s[end] for track in tracks.values()) for f, end in ((min, 0), (max, -1)))
+    shown = [
+        t for t in tracks.values() if t.times_s[0] <= table.start_s + duration_s and t.times_s[-1] >= table.start_s
+    ]
+    if not shown:
+        raise InputError(
+            f"{path}: nobody is there during the clip: the tracks run from {first:g} s to {last:g} s, the clip from "
+            f"{table.start_s:g} s to {table.start_s + duration_s:g} s; set {where}.start_s."
+        )
+    moved = [Track(t.name, t.kind, t.times_s - table.start_s, t.centres - origin, t.headings) for t in shown]
+    return Tracks(tuple(moved), (float(origin[0]), float(origin[1])), may_touch=table.overlaps == "allow")
 
 
 def _sumo(path: Path) -> dict[str, list[_Row]]:
@@ -212,7 +227,7 @@ def _track(name: str, rows: list[_Row], path: Path) -> Track:
     centres = np.array([(row.x, row.y) for row in rows])
     body = BODIES[rows[0].kind]
     given = np.array([row.heading for row in rows])
-    return Track(rows[0].kind, times, centres, _headings(times, centres, given, max(body.wheelbase_m, 0.5)))
+    return Track(name, rows[0].kind, times, centres, _headings(times, centres, given, max(body.wheelbase_m, 0.5)))
 
 
 def _headings(times: Array, centres: Array, given: Array, wheelbase_m: float) -> Array:

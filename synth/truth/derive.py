@@ -125,7 +125,7 @@ def _boxes(plan: Plan, folder: Folder) -> dict[str, NDArray[Any]]:
 
 def _activity(plan: Plan, folder: Folder) -> dict[str, Any]:
     """Labels of instances, cells and pixels, and the two indices."""
-    times = sample_times(plan.frames[-1].time_s)
+    times = sample_times((plan.scene.time.frames - 1) / plan.scene.time.fps)
     moving = np.stack([plan.cast.moving(float(t)) for t in times])
     present = np.stack([plan.cast.present(float(t)) for t in times])
     lit = np.stack([plan.cast.lit(float(t)) for t in times])

@@ -9,6 +9,8 @@ from synth.truth.recording import Recording
 
 Array = NDArray[np.float64]
 FLAT = 2e-5  # share of the depth by which the fourth pixel may be off the plane of the other three
+BESIDE = ((-1, 0), (2, 1), (1, -1), (0, 2))  # row, column: above, below, left and right of the four pixels
+NO_FOLD = 2e-4  # the same for those beside: so loose that depth which is bent everywhere is still looked at
 GRAZING = 0.1  # sine of the flattest view of a plane that counts
 SAME_SURFACE = 0.004  # share of the depth: farther, it is something else that is in front
 
@@ -18,7 +20,8 @@ def round_trip(recording: Recording, a: int, b: int) -> tuple[Array, NDArray[np.
     on instances [P], and the share of the points on planes that are not found again: hidden, or the truth is wrong.
 
     A pixel of a is carried to b by its depth, the poses and the motion of its instance. There the four pixels around
-    it must be on one plane of one instance; the ray meets that plane in a point, which is carried back.
+    and one more on each side must be on one plane of one instance (four alone are on one across every fold that runs
+    along a row or a column); the ray meets that plane in a point, which is carried back.
     """
     here, there = recording.view(a), recording.view(b)
     truth_a, truth_b = recording.truth(a), recording.truth(b)
@@ -26,7 +29,7 @@ def round_trip(recording: Recording, a: int, b: int) -> tuple[Array, NDArray[np.
     uv, depth = landing(here, there, truth_a["depth_z"], ids)
     width, height = here.size
     with np.errstate(invalid="ignore"):
-        inside = np.isfinite(depth) & ((uv >= 1) & (uv < [width - 1, height - 1])).all(axis=-1)
+        inside = np.isfinite(depth) & ((uv >= 2) & (uv < [width - 2, height - 2])).all(axis=-1)
     row_a, column_a = np.nonzero(inside)
     uv, depth, ids = uv[inside], depth[inside], ids[inside]
     column, row = np.floor(uv - 0.5).astype(np.int64).T
@@ -35,7 +38,13 @@ def round_trip(recording: Recording, a: int, b: int) -> tuple[Array, NDArray[np.
     p = [[surface[row + j, column + i] for i in (0, 1)] for j in (0, 1)]
     normal = np.cross(p[0][1] - p[0][0], p[1][0] - p[0][0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    fourth = np.abs(((p[1][1] - p[0][0]) * normal).sum(axis=1))
+
+    def off_plane(point: Array) -> Array:
+        return np.abs(((point - p[0][0]) * normal).sum(axis=1))
+
+    flat_here = off_plane(p[1][1]) < FLAT * depth
+    for j, i in BESIDE:
+        flat_here &= off_plane(surface[row + j, column + i]) < NO_FOLD * depth
     same = np.all([truth_b["instance_id"][row + j, column + i] == ids for j in (0, 1) for i in (0, 1)], axis=0)
 
     eye = recording.eye(b)
@@ -43,7 +52,7 @@ def round_trip(recording: Recording, a: int, b: int) -> tuple[Array, NDArray[np.
     facing = (ray * normal).sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         met = ((p[0][0] - eye) * normal).sum(axis=1) / facing
-        seen = same & (fourth < FLAT * depth) & (np.abs(facing) > GRAZING * np.linalg.norm(ray, axis=1))
+        seen = same & flat_here & (np.abs(facing) > GRAZING * np.linalg.norm(ray, axis=1))
         flat = seen.sum()
         seen &= np.abs(met / depth - 1) < SAME_SURFACE
     found = eye + ray[seen] * met[seen, None]

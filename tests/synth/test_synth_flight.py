@@ -41,6 +41,7 @@ EXAMPLES = {
     "waypoints": Waypoints(
         points_m=((-60.0, -20.0, 40.0), (-20.0, 10.0, 55.0), (25.0, -5.0, 60.0), (60.0, 30.0, 35.0)),
         target_m=(0.0, 0.0, 0.0),
+        yaw_deg=90.0,
     ),
 }
 
@@ -161,6 +162,19 @@ def test_line_passes_over_its_target_without_turning_over() -> None:
         np.testing.assert_allclose(pose[:3, 2], [0, 0, -1], atol=1e-4)
     before, after = trajectory.camera_to_world(4.0 - 1e-6), trajectory.camera_to_world(4.0 + 1e-6)
     assert rotation_deg(before, after) < 1e-3
+
+
+def test_flying_past_a_target_keeps_the_horizon_level() -> None:
+    places = [(-60.0, -30.0, 25.0), (0.0, -30.0, 25.0), (60.0, -30.0, 25.0)]
+    past = [Line(from_m=places[0], to_m=places[2], target_m=(0.0, 0.0, 0.0)),
+            Waypoints(points_m=tuple(places), target_m=(0.0, 0.0, 0.0))]  # fmt: skip
+    for flight in past:
+        for time_s in (0.0, 3.3, 8.0):
+            pose = Trajectory(flight, 8.0).camera_to_world(time_s)
+            assert abs(pose[2, 0]) < 1e-12  # the picture's right side is horizontal
+            assert pose[2, 1] < 0  # and its lower edge below
+            towards = -pose[:3, 3] / np.linalg.norm(pose[:3, 3])
+            np.testing.assert_allclose(pose[:3, 2], towards, atol=1e-12)
 
 
 def test_orbit_comes_back_after_a_whole_turn() -> None:

@@ -29,7 +29,7 @@ def sumo_csv(path: Path, rows: list[tuple[float, str, float, float, float]]) -> 
 
 
 def read(path: Path, form: str = "sumo", **keys: object) -> Tracks:
-    return read_tracks(TrackTable(file=path.name, format=form, **keys), path.parent)  # type: ignore[arg-type]
+    return read_tracks(TrackTable(file=path.name, format=form, **keys), path.parent, 10.0)  # type: ignore[arg-type]
 
 
 def test_front_bumper_and_clockwise_angle_are_converted(tmp_path: Path) -> None:
@@ -101,6 +101,28 @@ def test_vehicles_are_present_while_the_table_has_them(tmp_path: Path) -> None:
     assert tracks.speeds(2.0).tolist() == [0.0, 0.0]
 
 
+def test_who_is_not_there_during_the_clip_is_left_out(tmp_path: Path) -> None:
+    """SUMO's time may start anywhere: a clip without anybody is refused with the times that there are."""
+    rows = [(120 + k, "a", 5.0 * k, 0.0, 90.0) for k in range(3)] + [
+        (140 + k, "b", 5.0 * k, 9.0, 90.0) for k in range(3)
+    ]
+    path = sumo_csv(tmp_path / "f.csv", rows)
+    assert [track.name for track in read(path, start_s=121.0).tracks] == ["a"]
+    with pytest.raises(InputError, match=r"from 120 s to 142 s, the clip from 0 s to 10 s; set tracks\.start_s"):
+        read(path)
+
+
+def test_overlapping_tracks_are_refused_by_their_ids(quiet_scene: Scene, tmp_path: Path) -> None:
+    rows = [(0.5 * k, name, 2.0 * k + x, 0.0, 90.0) for name, x in (("no 7", 0.0), ("8", 3.0)) for k in range(9)]
+    sumo_csv(tmp_path / "f.csv", rows)
+    with pytest.raises(
+        InputError, match=r"track-no_7-saloon-001 and track-8-saloon-002 overlap .* in the table of tracks"
+    ):
+        make_plan(replace(quiet_scene, tracks=TrackTable(file="f.csv", format="sumo")), tmp_path)
+    table = TrackTable(file="f.csv", format="sumo", overlaps="allow")
+    assert len(make_plan(replace(quiet_scene, tracks=table), tmp_path).fleet.instances) == 2
+
+
 def test_far_origin_is_refused_and_recentred_on_request(tmp_path: Path) -> None:
     rows = [(0.1 * k, "a", 500_000.0 + k, 5_000_000.0, 90.0) for k in range(21)]
     path = sumo_csv(tmp_path / "f.csv", rows)
@@ -142,7 +164,7 @@ def test_bad_tables_are_refused(tmp_path: Path, text: str, words: str) -> None:
 
 def test_files_outside_the_scenes_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="folder"):
-        read_tracks(TrackTable(file="../secret.csv", format="sumo"), tmp_path)
+        read_tracks(TrackTable(file="../secret.csv", format="sumo"), tmp_path, 1.0)
     with pytest.raises(InputError, match="cannot read"):
         read(tmp_path / "absent.csv")
 
@@ -156,7 +178,7 @@ def quiet_scene() -> Scene:
 def test_a_table_drives_a_scene(quiet_scene: Scene, tmp_path: Path) -> None:
     sumo_csv(tmp_path / "f.csv", [(0.1 * k, "a", 0.8 * k - 20, -1.6, 90.0) for k in range(60)])
     plan = make_plan(replace(quiet_scene, tracks=TrackTable(file="f.csv", format="sumo")), tmp_path)
-    assert [i.name for i in plan.fleet.instances] == ["track-saloon-001"]
+    assert [i.name for i in plan.fleet.instances] == ["track-a-saloon-001"]
     assert plan.fleet.moving(1.0).tolist() == [True]
 
 
@@ -179,7 +201,7 @@ def test_sumo_itself(quiet_scene: Scene, tmp_path: Path) -> None:
         "--lanechange.duration", 2.5, "--time-to-teleport", -1, "--collision.action", "warn")  # fmt: skip
     table = TrackTable(file="out.csv", format="sumo", start_s=25.0, recentre=True)
     scene = replace(quiet_scene, tracks=table)
-    tracks = read_tracks(table, tmp_path)
+    tracks = read_tracks(table, tmp_path, 8.0)
     assert len(tracks.tracks) > 20
     for track in tracks.tracks:
         turn = np.abs(np.diff(track.headings))

@@ -115,7 +115,7 @@ def test_densification_changes_the_number_of_anchors(toy_capture: Path, tmp_path
 def test_another_run_in_the_folder_is_refused(toy_capture: Path, tmp_path: Path) -> None:
     capture = read_capture(toy_capture)
     train(capture, tmp_path / "run", SHORT, silent)
-    with pytest.raises(InputError, match="another training"):
+    with pytest.raises(InputError, match=r"another training\.seed: 0 there, 1 asked for"):
         train(capture, tmp_path / "run", replace(SHORT, seed=1), silent)
     with pytest.raises(InputError, match="another capture"):
         train(replace(capture, fingerprint="0"), tmp_path / "run", SHORT, silent)
