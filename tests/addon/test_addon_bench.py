@@ -25,9 +25,11 @@ def test_rows_have_what_is_asked_for(extension_zip: Path, tmp_path: Path) -> Non
         "decode_ms",
         "copy_ms",
         "live_ms",
+        "live_processor_ms",
         "live_again_ms",
         "bare_ms",
         "baked_ms",
+        "baked_processor_ms",
         "cycles_s",
     }
     for row in result["rows"]:
