@@ -47,4 +47,4 @@ bench-addon: extension
 		$(if $(MODEL),--model $(MODEL))
 
 clean:
-	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) .venv-blender* build dist demo .pytest_cache .mypy_cache .ruff_cache

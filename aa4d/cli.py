@@ -11,6 +11,7 @@ from rich.console import Console
 
 from aa4d.commands.ablate import ablate
 from aa4d.commands.bench import bench
+from aa4d.commands.capture import capture
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
 from aa4d.commands.export import export
@@ -32,6 +33,7 @@ os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "synth": synth,
+    "capture": capture,
     "train": train,
     "eval": evaluate,
     "inspect": inspect,
@@ -52,6 +54,11 @@ def main() -> None:
         app.cli(prog="aa4d", description=DESCRIPTION)
     except InputError as error:
         Console(stderr=True).print(f"aa4d: {error}", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(2)
+    except OSError as error:  # a full disk, a file that may not be replaced
+        where = error.filename2 or error.filename or "the output"
+        sentence = f"aa4d: {where}: {error.strerror or error}; mend that, and run the same command again"
+        Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)
     except Interrupted as stop:
         Console(stderr=True).print(f"aa4d: {stop}", markup=False, highlight=False, soft_wrap=True)

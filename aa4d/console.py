@@ -18,7 +18,7 @@ from rich.progress import (
 )
 
 SECONDS_BETWEEN_LINES = 10.0
-console = Console()
+console = Console(markup=False)  # a path may hold brackets
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 
 from aa4d.blender import run_forwarding_interrupts, run_in_blender, script
 from aa4d.capture.reader import read_capture
@@ -67,9 +68,9 @@ def run_demo(
     for stage in stages(scene, out, config, record, training_progress, step_progress):
         if stage.is_done(record):
             seconds = record.seconds[stage.name]
-            console.print(f"[bold]{stage.name}[/bold]: done before ({seconds:.0f} s)", highlight=False)
+            console.print(f"[bold]{stage.name}[/bold]: done before ({seconds:.0f} s)", highlight=False, markup=True)
             continue
-        console.print(f"[bold]{stage.name}[/bold]: {stage.says}", highlight=False)
+        console.print(f"[bold]{stage.name}[/bold]: {escape(stage.says)}", highlight=False, markup=True)
         with record.running(stage):
             stage.run()
     metrics = read_json_object(out / "metrics.json", "the metrics of an evaluation")

@@ -25,6 +25,7 @@ from aa4d.files import whole_file
 from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
 
 MODEL_VERSION = 1
+LARGEST_SIZE = 4096  # of what the header's config counts
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def _is_plane(parameter: str) -> bool:
     return parameter.startswith("field.planes.")
 
 
-def _as_in_file(parameter: str, value: Tensor) -> Tensor:
+def as_in_file(parameter: str, value: Tensor) -> Tensor:
     """A plane is [C, R2, R1] in the file."""
     return value.permute(2, 0, 1) if _is_plane(parameter) else value
 
@@ -97,7 +98,7 @@ def save_model(
         "background": list(background),
         "training": training,
     }
-    tensors = {file_name_of(name): _as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
+    tensors = {file_name_of(name): as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
     _write(path, tensors, header)
 
 
@@ -152,6 +153,8 @@ def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
     except FileNotFoundError:
+        if path.parent.is_file():
+            raise InputError(f"{path.parent}: is a file; name the folder of the run that holds it") from None
         raise InputError(f"{path}: no such model file; make one with `aa4d train`") from None
     except (SafetensorError, OSError, ValueError, struct.error) as error:
         raise InputError(f"{path}: not a whole safetensors file ({error}); copy or train it again") from None
@@ -173,6 +176,11 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
     """Sizes that the header does not state stand in the tensors' shapes."""
     try:
         value = header["config"]
+        if not isinstance(value, dict):
+            raise TypeError("config is no object")
+        for name in ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins"):
+            if not 1 <= int(value[name]) <= LARGEST_SIZE:  # a damaged one must not fill the memory
+                raise ValueError(f"{name} is {value[name]}")
         aggregation = value.get("aggregation", "acfa")
         if aggregation not in AGGREGATIONS:
             raise InputError(
@@ -201,7 +209,7 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
             aggregation=aggregation,
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: the header's config is incomplete ({error!r}); train the model again") from None
+        raise InputError(f"{path}: the header's config is wrong ({error!r}); train the model again") from None
 
 
 def _switch(config: dict[str, Any], name: str, path: Path) -> bool:
@@ -228,6 +236,8 @@ def _frames(value: Any, path: Path) -> tuple[Frame, ...]:
 
 def _background(value: Any) -> tuple[float, float, float]:
     red, green, blue = (float(component) for component in value)
+    if not np.isfinite([red, green, blue]).all():
+        raise ValueError("background is not finite")
     return red, green, blue
 
 

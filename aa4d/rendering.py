@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from torch import Tensor
@@ -9,7 +10,7 @@ from torch import Tensor
 from aa4d.anchors.visibility import in_view
 from aa4d.model import AdaAnchor4D
 from aa4d.raster import rasterize
-from aa4d.raster.types import Camera, Gaussians, Rendering
+from aa4d.raster.types import Camera, Gaussians, Output, Rendering
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,13 @@ def render(
     camera: Camera,
     background: Tensor,
     *,
-    depth: bool = False,
+    outputs: Collection[Output] = (),
     anchor_features: Tensor | None = None,
 ) -> Rendered:
     """One image at time t in [0, 1], or of the canonical scene at t = None; `camera` stands in the model frame.
 
     Args:
+        outputs: what the rasteriser is asked for besides.
         anchor_features: [N, F] anything to draw with the anchors, F at most 32: it becomes `Rendering.features`.
     """
     visible = in_view(model.anchors.position, camera)
@@ -38,4 +40,4 @@ def render(
     if anchor_features is not None:
         offsets = model.anchors.offset.shape[1]
         gaussians = replace(gaussians, features=anchor_features[visible].repeat_interleave(offsets, 0))
-    return Rendered(rasterize(gaussians, camera, background=background, depth=depth), gaussians, visible)
+    return Rendered(rasterize(gaussians, camera, background=background, outputs=outputs), gaussians, visible)

@@ -10,6 +10,7 @@ import numpy as np
 from . import carriers, names, playback, points, time_nodes
 from . import modifiers as inputs
 from .clip_time import ClipTime
+from .container import ModelFileError
 from .model import Doubles
 from .properties import ACTIVE
 
@@ -37,6 +38,8 @@ def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) ->
     loaded = playback.loaded_of(obj)
     playback.check_fits(obj, loaded)
     mesh, carrier, model = obj.data, obj.aa4d.carrier, loaded.field.model
+    if options.first > model.frame_count:
+        raise ModelFileError(f"The clip has {model.frame_count} frames; the range to bake begins after its end.")
     ranks = _ranks(options, model.frame_count)
     attributes = {*names.APPEARANCE, *playback.wanted_of(obj)}
     if options.inspection:

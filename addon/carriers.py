@@ -8,7 +8,7 @@ from collections.abc import Collection
 import numpy as np
 
 from . import names
-from .container import Floats
+from .container import Floats, ModelFileError
 from .field import (
     AnchorState,
     Field,
@@ -36,12 +36,16 @@ def points_per_anchor(field: Field, carrier: str) -> int:
     return field.model.config.offsets if carrier == names.GAUSSIANS else 1
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is found below
 def evaluate(
     field: Field, carrier: str, t: float, camera_center: Doubles, wanted: Collection[names.Attribute]
 ) -> dict[names.Attribute, Floats]:
     """The attributes of the carrier at time t, one row a point, as a camera at `camera_center` [3] (metres) sees them.
 
     Of `names.SHAPE` and `names.INSPECTION` what is wanted; the others always.
+
+    Raises:
+        ModelFileError: the model's numbers overflow there.
     """
     shape = names.SCALE in wanted
     state = anchor_state(field, t, offsets=carrier == names.GAUSSIANS)
@@ -61,6 +65,11 @@ def evaluate(
     repeats = points_per_anchor(field, carrier)
     for attribute, value in _inspect(field, t, state.positions, wanted).items():
         values[attribute] = np.repeat(value, repeats)
+    for attribute in (names.POSITION, names.COLOR, names.RADIUS):
+        if not np.isfinite(values[attribute]).all():
+            raise ModelFileError(
+                f"{field.model.path.name} gives values that are not finite at {t:.3f} of the clip; train it again."
+            )
     return values
 
 

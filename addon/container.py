@@ -23,6 +23,10 @@ HEADER_LIMIT = 100_000_000  # bytes; the limit of the safetensors format itself
 class ModelFileError(Exception):
     """A model file cannot be used. The message is one sentence for the person who chose the file."""
 
+    def __str__(self) -> str:
+        """The sentence; a file's name may hold bytes that are no text, which Blender cannot show."""
+        return super().__str__().encode(errors="replace").decode()
+
 
 @dataclass(frozen=True)
 class Entry:

@@ -2,10 +2,11 @@
 
 What does not depend on the time is computed once, in `prepare`: the spatial planes at every anchor, where each anchor
 falls on the temporal planes, and the embedding's share of the first layers. A time then costs one interpolation between
-two rows of each temporal plane, a gather, and the small networks.
+two rows of each temporal plane, a gather, and the small networks. Arrays over the planes have them along the first
+axis: sums over planes then run along memory.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,10 +14,10 @@ import numpy.typing as npt
 
 from .container import Floats, ModelFileError
 from .model import PLANES, WEIGHTED, Doubles, Model
+from .products import over_chunks, product
 
 Indices = npt.NDArray[np.intp]
 
-CHUNK = 1024  # anchors at a time: the temporaries of one chunk stay in the processor's cache
 MEMORY_RATIO = 64  # of what `prepare` keeps to the size of the file; the default configuration needs about 4
 TIME_NETWORK_BIASES = ("acfa.hidden.bias", "dlgd_offset.hidden.bias", "dlgd_scale.hidden.bias")
 
@@ -34,7 +35,7 @@ class TemporalPlane:
 class Level:
     """One resolution of the field."""
 
-    spatial: Floats  # [N, 3, C]: xy, xz, yz at the anchors
+    spatial: Floats  # [3, N, C]: xy, xz, yz at the anchors
     temporal: tuple[TemporalPlane, ...]  # xt, yt, zt
 
 
@@ -44,14 +45,13 @@ class TimeNetwork:
 
     static: Floats  # [N, H], or [1, H] where there is no embedding: the same for every anchor
     time: Floats  # [H]
-    weight: Floats  # [H, outputs]
+    weight: Floats  # [outputs, H]
     bias: Floats  # [outputs]
 
     def __call__(self, t: float, part: slice) -> Floats:
         """Evaluate at t for a slice of the anchors: [n, outputs] or [1, outputs]."""
         static = self.static[part] if len(self.static) > 1 else self.static
-        hidden = static + np.float32(t) * self.time
-        return np.maximum(hidden, 0, out=hidden) @ self.weight + self.bias
+        return _output(_relu(static + np.float32(t) * self.time), self.weight, self.bias)
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,7 @@ def prepare(model: Model) -> Field:
             [
                 _bilinear(planes[name], query[:, "xyz".index(name[0])], query[:, "xyz".index(name[1])])
                 for name in PLANES[:3]
-            ],
-            axis=1,
+            ]
         )
         temporal = tuple(
             TemporalPlane(planes[name], *_texels(query[:, axis], planes[name].shape[1]))
@@ -129,33 +128,41 @@ def anchor_state(field: Field, t: float, *, offsets: bool = True) -> AnchorState
 
     Without `offsets` those stay canonical: who shows anchors alone does not need them.
     """
-    tensors = field.model.tensors
-    positions = tensors["anchors.position"]
-    features = tensors["anchors.feature"]
-    spread = tensors["anchors.offset"]
-    log_scales = tensors["anchors.log_scale"]
-    if field.levels:
+    model = field.model
+    names = ("position", "feature", "offset", "log_scale")
+    positions, features, spread, log_scales = (model.tensors[f"anchors.{name}"] for name in names)
+    encoded = _Encoded(field, t) if field.levels else None
+    if encoded is not None:
         positions, features = positions.copy(), features.copy()
-        for part, hidden in _encoded(field, t):
-            positions[part] += _mlp(field.model, "head_position", hidden)
-            features[part] += _mlp(field.model, "head_feature", hidden)
-    if field.offset is not None and field.scale is not None:
+        hidden = _joined(model, ("head_position.hidden", "head_feature.hidden"))
+        width = len(model.tensors["head_position.hidden.bias"])
+    if field.scale is not None:
         spread, log_scales = spread.copy() if offsets else spread, log_scales.copy()
-        for part in _chunks(len(positions)):
-            if offsets:
-                spread[part] += field.offset(t, part).reshape(-1, *spread.shape[1:])
+
+    def move(part: slice) -> None:
+        if encoded is not None:
+            both = _relu(_output(encoded.at(part), *hidden))
+            positions[part] += _output(both[:, :width], *_layer(model, "head_position.output"))
+            features[part] += _output(both[:, width:], *_layer(model, "head_feature.output"))
+        if field.offset is not None and offsets:
+            spread[part] += field.offset(t, part).reshape(-1, *spread.shape[1:])
+        if field.scale is not None:
             log_scales[part] += field.scale(t, part)
-    return AnchorState(positions, features, spread, np.exp(log_scales))
+
+        np.exp(log_scales[part], out=scales[part])
+
+    scales = np.empty_like(log_scales)
+    over_chunks(len(positions), move)
+    return AnchorState(positions, features, spread, scales)
 
 
 def anchor_positions(field: Field, t: float) -> Floats:
     """The centres [N, 3] of `anchor_state` alone, model frame."""
     positions = field.model.tensors["anchors.position"]
-    if field.levels:
-        positions = positions.copy()
-        for part, hidden in _encoded(field, t):
-            positions[part] += _mlp(field.model, "head_position", hidden)
-    return positions
+    if not field.levels:
+        return positions
+    encoded = _Encoded(field, t)
+    return positions + _gathered(len(positions), lambda part: _mlp(field.model, "head_position", encoded.at(part)))
 
 
 def plane_weights(field: Field, t: float) -> Floats:
@@ -163,27 +170,35 @@ def plane_weights(field: Field, t: float) -> Floats:
 
     Where the planes are not weighted, and in a static model, each has a sixth.
     """
-    shares = np.full((field.model.anchor_count, len(PLANES)), 1 / len(PLANES), np.float32)
-    if field.weights is not None:
-        for part in _chunks(len(shares)):
-            shares[part] = _softmax(field, t, part).mean(axis=2)
-    return shares
+    count, network = field.model.anchor_count, field.weights
+    if network is None:
+        return np.full((count, len(PLANES)), 1 / len(PLANES), np.float32)
+
+    def shares(part: slice) -> Floats:
+        odds, total = _odds(network, t, part)
+        share = (odds / total).mean(axis=2).T
+        return np.broadcast_to(share, (len(range(*part.indices(count))), len(PLANES)))
+
+    return _gathered(count, shares)
 
 
 def local_gaussians(field: Field, state: AnchorState, camera_center: Doubles) -> LocalGaussians:
     """Decode the local Gaussians as a camera at `camera_center` [3] (world metres) sees them (step 6)."""
     model = field.model
     K = model.config.offsets
-    parts = []
-    for part, inputs in _decoder_inputs(model, state, camera_center):
-        covariance = _mlp(model, "decoder_covariance", inputs).reshape(-1, K, 7)
+    decoder = _Decoder(model, state, camera_center)
+
+    def decode(part: slice) -> tuple[Floats, ...]:
+        colors, opacities, hidden = decoder.at(part)
+        covariance = _output(hidden, *_layer(model, "decoder_covariance.output")).reshape(-1, K, 7)
         sizes = state.scales[part, None]
         scales = np.float32(model.scale) * sizes[..., 3:] * _sigmoid(covariance[..., :3])
         quaternions = covariance[..., 3:]
         quaternions = quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), np.float32(1e-12))
         positions = to_world(model, state.positions[part, None] + state.offsets[part] * sizes[..., :3])
-        parts.append((positions, *_colors_and_opacities(model, inputs), scales, quaternions))
-    return LocalGaussians(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        return positions, colors, opacities, scales, quaternions
+
+    return LocalGaussians(*_columns(over_chunks(len(state.positions), decode)))
 
 
 def anchor_appearance(
@@ -194,32 +209,19 @@ def anchor_appearance(
     model = field.model
     K = model.config.offsets
     rows = np.arange(7 * K).reshape(K, 7)[:, :3].ravel(order="F")  # all first axes, all second, all third
-    weight = model.tensors["decoder_covariance.output.weight"][rows].T
-    bias = model.tensors["decoder_covariance.output.bias"][rows]
-    parts = []
-    for part, inputs in _decoder_inputs(model, state, camera_center):
-        hidden = np.maximum(_linear(model, "decoder_covariance.hidden", inputs), 0)
-        shares = _sigmoid(hidden @ weight + bias).reshape(-1, 3, K)
-        first, second, third = ((state.scales[part, 3 + axis, None] * shares[:, axis]) for axis in range(3))
+    weight, bias = (values[rows] for values in _layer(model, "decoder_covariance.output"))
+    decoder = _Decoder(model, state, camera_center)
+
+    def decode(part: slice) -> tuple[Floats, ...]:
+        colors, opacities, hidden = decoder.at(part)
+        shares = _sigmoid(_output(hidden, weight, bias)).reshape(-1, 3, K)
+        first, second, third = (state.scales[part, 3 + axis, None] * shares[:, axis] for axis in range(3))
         most = np.maximum(np.maximum(first, second), third)
         middle = np.maximum(np.minimum(first, second), np.minimum(np.maximum(first, second), third))
-        parts.append((*_colors_and_opacities(model, inputs), np.float32(model.scale) * np.sqrt(most * middle)))
-    colors, opacities, reach = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        return colors, opacities, np.float32(model.scale) * np.sqrt(most * middle)
+
+    colors, opacities, reach = _columns(over_chunks(len(state.positions), decode))
     return colors, opacities, reach
-
-
-def _decoder_inputs(model: Model, state: AnchorState, camera_center: Doubles) -> Iterator[tuple[slice, Floats]]:
-    """[f_i(t), d] [n, F + 3] for one slice of the anchors after the other."""
-    center = ((camera_center - model.translation) / model.scale).astype(np.float32)
-    direction = state.positions - center
-    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.float32(1e-12))
-    for part in _chunks(len(direction)):
-        yield part, np.concatenate([state.features[part], direction[part]], axis=1)
-
-
-def _colors_and_opacities(model: Model, inputs: Floats) -> tuple[Floats, Floats]:
-    colors = _sigmoid(_mlp(model, "decoder_color", inputs)).reshape(-1, model.config.offsets, 3)
-    return colors, np.tanh(_mlp(model, "decoder_opacity", inputs))
 
 
 def to_world(model: Model, positions: Floats) -> Floats:
@@ -236,16 +238,41 @@ def _check_memory(model: Model) -> None:
         )
 
 
-def _chunks(count: int) -> Iterator[slice]:
-    return (slice(start, start + CHUNK) for start in range(0, count, CHUNK))
+def _gathered(count: int, work: Callable[[slice], Floats]) -> Floats:
+    """The rows that `work` makes of each slice of the anchors, as one array."""
+    return np.concatenate(over_chunks(count, work))
 
 
-def _linear(model: Model, name: str, x: Floats) -> Floats:
-    return x @ model.tensors[f"{name}.weight"].T + model.tensors[f"{name}.bias"]
+def _columns(parts: Iterable[tuple[Floats, ...]]) -> list[Floats]:
+    """Of several arrays for each slice, each as one array."""
+    return [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+
+
+def _layer(model: Model, name: str) -> tuple[Floats, Floats]:
+    """Weight [outputs, inputs] and bias [outputs]."""
+    return model.tensors[f"{name}.weight"], model.tensors[f"{name}.bias"]
+
+
+def _joined(model: Model, layers: Iterable[str]) -> tuple[Floats, Floats]:
+    """Layers of the same inputs as one, their outputs side by side: one product instead of several."""
+    weights, biases = zip(*(_layer(model, name) for name in layers), strict=True)
+    return np.concatenate(weights), np.concatenate(biases)
+
+
+def _output(x: Floats, weight: Floats, bias: Floats) -> Floats:
+    """weight x + bias for each row of x [n, inputs]: [n, outputs]."""
+    y = product(x, weight)
+    y += bias
+    return y
+
+
+def _relu(x: Floats) -> Floats:
+    """In place."""
+    return np.maximum(x, 0, out=x)
 
 
 def _mlp(model: Model, name: str, x: Floats) -> Floats:
-    return _linear(model, f"{name}.output", np.maximum(_linear(model, f"{name}.hidden", x), 0))
+    return _output(_relu(_output(x, *_layer(model, f"{name}.hidden"))), *_layer(model, f"{name}.output"))
 
 
 def _sigmoid(x: Floats) -> Floats:
@@ -260,8 +287,7 @@ def _time_network(model: Model, name: str, embedding: str | None, timed: bool) -
     if embedding is not None:
         static = model.tensors[f"anchors.{embedding}"] @ seen.T + static
     time = weight[:, -1].copy() if timed else np.zeros(len(weight), np.float32)
-    output = np.ascontiguousarray(model.tensors[f"{name}.output.weight"].T)
-    return TimeNetwork(static, time, output, model.tensors[f"{name}.output.bias"])
+    return TimeNetwork(static, time, *_layer(model, f"{name}.output"))
 
 
 def _warped_positions(model: Model) -> Floats:
@@ -280,12 +306,6 @@ def _texels(coordinate: Floats, resolution: int) -> tuple[Indices, Floats]:
     return left, (place - left.astype(np.float32))[:, None]
 
 
-def _between(row: Floats, left: Indices, fraction: Floats) -> Floats:
-    """Linear interpolation along the first axis of `row` [R, C]: [n, C]."""
-    near = row[left]
-    return near + fraction * (row[np.minimum(left + 1, len(row) - 1)] - near)
-
-
 def _bilinear(plane: Floats, x: Floats, y: Floats) -> Floats:
     """Interpolate plane [R2, R1, C] at x along R1 and y along R2, both in [-1, 1]: [N, C]."""
     (left, right_share), (top, bottom_share) = _texels(x, plane.shape[1]), _texels(y, plane.shape[0])
@@ -302,40 +322,75 @@ def _row_at(rows: Floats, t: float) -> Floats:
     return rows[low] + np.float32(place - low) * (rows[min(low + 1, len(rows) - 1)] - rows[low])
 
 
-def _encoded(field: Field, t: float) -> Iterator[tuple[slice, Floats]]:
-    """Steps 1 to 3 and the encoder of step 4: relu(z) [n, width] for one slice of the anchors after the other."""
-    rows = [[_row_at(plane.rows, t) for plane in level.temporal] for level in field.levels]
-    for part in _chunks(field.model.anchor_count):
-        yield part, np.maximum(_linear(field.model, "encoder", _aggregate(field, rows, t, part)), 0)
+def _odds(network: TimeNetwork, t: float, part: slice) -> tuple[Floats, Floats]:
+    """w_p(t) times their sum over the planes, [6, n, C], and that sum [n, C]; n is 1 where all anchors share them."""
+    scores = network(t, part)
+    odds = np.ascontiguousarray(scores.reshape(len(scores), len(PLANES), -1).transpose(1, 0, 2))
+    odds -= odds.max(axis=0)
+    np.exp(odds, out=odds)
+    return odds, odds.sum(axis=0)
 
 
-def _softmax(field: Field, t: float, part: slice) -> Floats:
-    """w_p(t) over the planes, for each channel: [n, 6, C], or [1, 6, C] where all anchors have the same."""
-    assert field.weights is not None
-    scores = field.weights(t, part).reshape(-1, len(PLANES), field.model.config.plane_dim)
-    scores -= scores.max(axis=1, keepdims=True)
-    weights: Floats = np.exp(scores, out=scores)
-    weights /= weights.sum(axis=1, keepdims=True)
-    return weights
+class _Encoded:
+    """Steps 1 to 3 and the encoder of step 4 at one time."""
+
+    def __init__(self, field: Field, t: float) -> None:
+        self.field, self.t = field, t
+        self.rows = []  # of each level's temporal planes: the row at t, and the way from each texel to the next
+        for level in field.levels:
+            rows = [_row_at(plane.rows, t) for plane in level.temporal]
+            self.rows.append([(row, np.diff(row, axis=0, append=row[-1:])) for row in rows])
+
+    def at(self, part: slice) -> Floats:
+        """relu(z) [n, width] of a slice of the anchors."""
+        return _relu(_output(self._aggregate(part), *_layer(self.field.model, "encoder")))
+
+    def _aggregate(self, part: slice) -> Floats:
+        """The six planes' features as one, levels concatenated: [n, L * C]."""
+        field = self.field
+        odds, total = (None, None) if field.weights is None else _odds(field.weights, self.t, part)
+        features = []
+        for level, rows in zip(field.levels, self.rows, strict=True):
+            planes = list(level.spatial[:, part])
+            for plane, (row, step) in zip(level.temporal, rows, strict=True):
+                left = plane.left[part]
+                sample = step.take(left, axis=0)
+                sample *= plane.fraction[part]
+                sample += row.take(left, axis=0)
+                planes.append(sample)
+            feature = planes[0].copy() if odds is None else odds[0] * planes[0]
+            for index in range(1, len(PLANES)):
+                if odds is not None:
+                    feature += odds[index] * planes[index]
+                elif field.model.config.aggregation == "product":
+                    feature *= planes[index]
+                else:  # mean
+                    feature += planes[index]
+            if total is not None:
+                feature /= total
+            elif field.model.config.aggregation == "mean":
+                feature /= np.float32(len(PLANES))
+            features.append(feature)
+        return np.concatenate(features, axis=1)
 
 
-def _aggregate(field: Field, rows: list[list[Floats]], t: float, part: slice) -> Floats:
-    """Steps 2 and 3: the six planes' features as one, levels concatenated: [n, L * C]."""
-    weights = None if field.weights is None else _softmax(field, t, part)
-    features = []
-    for level, level_rows in zip(field.levels, rows, strict=True):
-        temporal = [
-            _between(row, plane.left[part], plane.fraction[part])
-            for plane, row in zip(level.temporal, level_rows, strict=True)
-        ]
-        spatial = level.spatial[part]
-        if weights is not None:
-            feature = (weights[:, :3] * spatial).sum(axis=1)
-            for index, sample in enumerate(temporal, start=3):
-                feature += weights[:, index] * sample
-        elif field.model.config.aggregation == "product":
-            feature = spatial.prod(axis=1) * temporal[0] * temporal[1] * temporal[2]
-        else:  # mean
-            feature = (spatial.sum(axis=1) + temporal[0] + temporal[1] + temporal[2]) / np.float32(len(PLANES))
-        features.append(feature)
-    return np.concatenate(features, axis=1)
+class _Decoder:
+    """What the three decoders share: their inputs [f_i(t), d], and hidden layers computed as one."""
+
+    NAMES = ("decoder_color", "decoder_opacity", "decoder_covariance")
+
+    def __init__(self, model: Model, state: AnchorState, camera_center: Doubles) -> None:
+        self.model, self.state = model, state
+        self.center = ((camera_center - model.translation) / model.scale).astype(np.float32)
+        self.hidden = _joined(model, (f"{name}.hidden" for name in self.NAMES))
+        self.ends = np.cumsum([len(model.tensors[f"{name}.hidden.bias"]) for name in self.NAMES])
+
+    def at(self, part: slice) -> tuple[Floats, Floats, Floats]:
+        """Of a slice of the anchors: colours [n, K, 3], opacities [n, K], the covariance's hidden layer [n, width]."""
+        direction = self.state.positions[part] - self.center
+        direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.float32(1e-12))
+        hidden = _relu(_output(np.concatenate([self.state.features[part], direction], axis=1), *self.hidden))
+        color, opacity, covariance = np.split(hidden, self.ends[:-1], axis=1)
+        colors = _sigmoid(_output(color, *_layer(self.model, "decoder_color.output")))
+        opacities = np.tanh(_output(opacity, *_layer(self.model, "decoder_opacity.output")))
+        return colors.reshape(len(colors), -1, 3), opacities, covariance

@@ -57,7 +57,7 @@ def import_model(
     Raises:
         ModelFileError: the file is unusable, or has more points than asked for; nothing was made.
     """
-    path = os.path.abspath(bpy.path.abspath(path))
+    path = _chosen(path)
     loaded = playback.load(path)
     model = loaded.field.model
     count = carriers.point_count(loaded.field, options.carrier)
@@ -79,6 +79,11 @@ def import_model(
     look.node_group = look_nodes.look_group()
     modifiers.put(look, look_nodes.LOOK, options.look)
     collection.objects.link(obj)
+    try:
+        playback.show(obj, scene)
+    except BaseException:  # the model cannot be evaluated: as if it had not been read
+        bpy.data.batch_remove([obj, mesh])
+        raise
     camera = create_camera(model, f"{name} Camera") if options.import_camera else None
     if camera is not None:
         collection.objects.link(camera)
@@ -99,7 +104,7 @@ def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
     Raises:
         ModelFileError: the file is unusable, or has fewer points than the object shows; the object is left as it was.
     """
-    path = os.path.abspath(bpy.path.abspath(path))
+    path = _chosen(path)
     loaded = playback.load(path)
     playback.check_fits(obj, loaded)
     settings = obj.aa4d
@@ -109,6 +114,17 @@ def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
     playback.problems.pop(obj.session_uid, None)
     if settings.playback == "LIVE":
         playback.show(obj, scene)
+
+
+def _chosen(path: str) -> str:
+    """The absolute path of the file that a person chose.
+
+    Raises:
+        ModelFileError: none was chosen.
+    """
+    if not path:
+        raise ModelFileError("No file was chosen; choose the model.safetensors of a run.")
+    return os.path.abspath(bpy.path.abspath(path))
 
 
 def label_activity(obj: bpy.types.Object) -> dict[str, int]:

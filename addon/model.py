@@ -127,6 +127,7 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         camera = _camera(information["camera"])
         viewmats = _viewmats(information["frames"])
         background = _array(information["background"], (3,), "background")
+        _require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
         images = tuple(frame.get("image") for frame in information["frames"])
         capture = information.get("capture")
     except KeyError as error:

@@ -4,6 +4,8 @@ import bpy
 from bpy.app.translations import pgettext_iface as translated
 
 from . import look_nodes, modifiers, names, operators, playback, time_nodes
+from .operators.inspection import statistics
+from .operators.on_imported import is_imported
 
 TIME_INPUTS = (
     time_nodes.START,
@@ -34,7 +36,7 @@ class ImportPanel(SidebarPanel, bpy.types.Panel):
         layout = self.layout
         layout.operator(operators.ImportModel.bl_idname, text="Import Model", icon="IMPORT")
         obj = context.active_object
-        if not operators.is_imported(obj):
+        if not is_imported(obj):
             return
         column = layout.column(align=True)
         kind = translated(obj.aa4d.bl_rna.properties["carrier"].enum_items[obj.aa4d.carrier].name)
@@ -60,7 +62,7 @@ class ObjectPanel(SidebarPanel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Shown for imported objects."""
-        return operators.is_imported(context.active_object)
+        return is_imported(context.active_object)
 
 
 class TimePanel(ObjectPanel, bpy.types.Panel):
@@ -124,7 +126,7 @@ class InspectionPanel(ObjectPanel, bpy.types.Panel):
         layout.operator(operators.LabelActivity.bl_idname, icon="AUTO")
         layout.operator(operators.AddGrid.bl_idname, icon="MESH_GRID")
         layout.operator(operators.MeasureSelection.bl_idname, icon="INFO")
-        for line in operators.statistics.get(obj.session_uid, ()):
+        for line in statistics.get(obj.session_uid, ()):
             layout.label(text=line, translate=False)
 
     def draw_legend(self, layout: bpy.types.UILayout, look: bpy.types.Modifier, unit: str) -> None:

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import os
+import stat
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -68,6 +69,8 @@ def load(path: str) -> Loaded:
         status = os.stat(path)
     except OSError as error:
         raise ModelFileError(f"{os.path.basename(path)} cannot be read: {error.strerror or error}.") from error
+    if not stat.S_ISREG(status.st_mode):  # reading a pipe would wait for ever
+        raise ModelFileError(f"{path} cannot be read: it is not a file; choose the model.safetensors of a run.")
     try:
         return _load(path, status.st_mtime_ns, status.st_size)
     except MemoryError as error:

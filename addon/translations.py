@@ -53,6 +53,12 @@ GERMAN = {
     "Baking {} of {}; Esc cancels": "{} von {} gebacken; Esc bricht ab",
     "Bake cancelled; nothing has changed": "Backen abgebrochen; nichts wurde geändert",
     "Baked {} keys": "{} Schlüssel gebacken",
+    "Choose a name for the file to write": "Einen Namen für die Datei wählen",
+    "The name of the file must end in {}": "Der Name der Datei muss auf {} enden",
+    "The object has no points left": "Das Objekt hat keine Punkte mehr",
+    "The object belongs to another file; make it local first": (
+        "Das Objekt gehört zu einer anderen Datei; zuerst lokal machen"
+    ),
     "Imported {:,} points over {} frames; Material Preview shows their colours": (
         "{:,} Punkte über {} Bilder importiert; die Materialvorschau zeigt ihre Farben"
     ),

@@ -1,5 +1,6 @@
 """The command line as a user meets it: help, exit codes, one sentence for bad input."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -25,10 +26,14 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
     [
         (("synth", "absent.toml", "--out", "capture"), "absent.toml: cannot read the scene file"),
         (("train", "absent", "--out", "run"), "absent: no such capture folder"),
+        (("train", __file__, "--out", "run"), "test_cli.py: is a file; name the folder of the capture"),
         (("eval", "absent"), "no such model file"),
         (("inspect", "absent"), "no such model file"),
         (("render", "absent"), "no such model file"),
         (("export", "absent"), "no such model file"),
+        (("render", __file__), "test_cli.py: is a file; name the folder of the run"),
+        (("train", "absent", "--out", "run", "--seed", str(2**63)), "--seed 9223372036854775808: must be from 0"),
+        (("bench", "scaling", "--json", "rows.json"), "--json: only `train` and `raster` write one"),
         (("demo", "absent.toml", "--out", "demo"), "absent.toml: no such scene file"),
     ],
 )
@@ -42,3 +47,21 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     assert result.stderr.count("\n") == 1
     assert "Traceback" not in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_system_refuses_is_one_sentence_too(toy_run: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(toy_run, run)
+    (run / "metrics.json").unlink(missing_ok=True)
+    (run / "metrics.json").mkdir()
+    result = aa4d("eval", str(run), "--capture", str(toy_run.parent / "capture"))
+    assert result.returncode == 2
+    assert "metrics.json: Is a directory" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_brackets_in_a_path_are_printed_as_they_are(toy_run: Path, tmp_path: Path) -> None:
+    run = tmp_path / "[red]run[" / "b]"
+    shutil.copytree(toy_run, run)
+    result = aa4d("render", str(run), "--time", "0.5", "--frames", "1")
+    assert f"renders: {run / 'renders'}" in result.stdout

@@ -136,6 +136,7 @@ def test_a_newer_version_is_refused(model_path: Path) -> None:
         {"model_to_world": [[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
         {"model_to_world": [[0] * 4] * 4},
         {"background": None},
+        {"background": [float("nan")] * 3},
         {"stage": "finer"},
         {"capture": 7},
         {"training": {}},
@@ -147,9 +148,16 @@ def test_a_damaged_header_is_refused(model_path: Path, change: dict[str, Any]) -
         load_model(model_path)
 
 
-def test_an_incomplete_configuration_is_refused(model_path: Path) -> None:
+@pytest.mark.parametrize("change", [{}, {"offsets": -1}, {"offsets": 10**12}, {"bins": 10**11}, {"levels": 0}])
+def test_an_incomplete_configuration_is_refused(model_path: Path, change: dict[str, int]) -> None:
+    rewrite_header(model_path, lambda h: h["config"].update(change) if change else h.update(config=[]))
+    with pytest.raises(InputError, match="config is wrong"):
+        load_model(model_path)
+
+
+def test_a_configuration_without_a_key_is_refused(model_path: Path) -> None:
     rewrite_header(model_path, lambda h: h["config"].pop("offsets"))
-    with pytest.raises(InputError, match="config is incomplete"):
+    with pytest.raises(InputError, match="config is wrong"):
         load_model(model_path)
 
 

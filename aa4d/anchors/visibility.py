@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from aa4d.raster.types import Camera
@@ -11,6 +12,7 @@ from aa4d.raster.types import Camera
 MARGIN = 0.2
 
 
+@torch.no_grad()
 def in_view(position: Tensor, camera: Camera) -> Tensor:
     """Indices [M] of the centres [N, 3] that project into the image or its margin, in order."""
     x = position @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]

@@ -20,6 +20,12 @@ from aa4d.files import read_json_object
 CAPTURE_VERSION = 1
 FARTHEST_M = 10_000.0  # beyond, float32 in renderers and viewers loses what a pixel shows
 RECENTRE = "move the scene to a local origin"
+MOST_PX = 16_384  # along a side: a slip of the keyboard should not fill the memory
+LARGEST_K = 1e6  # pixels
+LONGEST_NAME = 200  # bytes: with its ending and a prefix it must fit what file systems take
+
+
+EIGHT_BITS = ("RGB", "RGBA", "L", "LA", "P", "1", "CMYK", "YCbCr")  # Pillow's names
 
 
 @dataclass(frozen=True)
@@ -77,10 +83,12 @@ def read_capture(folder: Path) -> Capture:
         InputError: names the file and the key that is missing, malformed or not finite.
     """
     index = folder / "capture.json"
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file; name the folder of the capture that holds it")
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such capture folder; make one with `aa4d synth`")
+        raise InputError(f"{folder}: no such capture folder; make one with `aa4d synth` or `aa4d capture`")
     if not index.exists():
-        raise InputError(f"{folder}: has no capture.json; if it is an unfinished capture, run the same synth again")
+        raise InputError(f"{folder}: has no capture.json; if it is an unfinished capture, run the same command again")
     document = read_json_object(index, "the index of a capture")
     if document.get("format") != "aa4d-capture":
         raise InputError(f'{index}: key "format" is {document.get("format")!r}, expected "aa4d-capture"')
@@ -113,6 +121,8 @@ def read_image(capture: Capture, frame: Frame) -> NDArray[np.uint8]:
     path = capture.folder / frame.image
     try:
         with Image.open(path) as image:
+            if image.mode not in EIGHT_BITS:  # Pillow would cut 16 bits off at 255: everything white
+                raise ValueError(f"it is of mode {image.mode}, expected 8 bits a channel")
             pixels = np.array(image.convert("RGB"))
     except FileNotFoundError:
         raise InputError(f"{path}: image of frame {frame.name!r} is missing; render or copy it again") from None
@@ -133,10 +143,13 @@ def read_images(capture: Capture, frames: list[int]) -> NDArray[np.uint8]:
 
 
 def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
-    """Pixels of instances that move at that frame, [H, W]; None where the capture has no truth."""
+    """Pixels of what moves at that frame, [H, W]; None where nothing says so.
+
+    The truth knows the instances that move; a capture of footage has masks of movers, boxes or estimates.
+    """
     truth = capture.frames[index].truth
     if truth is None or capture.tracks is None:
-        return None
+        return _movers(capture, index)
     instance_id = _array(capture.folder / truth, "instance_id")
     tracks = capture.folder / capture.tracks
     ids, moving = _array(tracks, "instance_id"), _array(tracks, "moving")
@@ -146,6 +159,21 @@ def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
     if moving.shape != (len(capture.frames), len(ids)):
         raise InputError(f"{tracks}: moving has shape {moving.shape}, expected {(len(capture.frames), len(ids))}")
     return np.isin(instance_id, ids[moving[index]])
+
+
+def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
+    path = capture.folder / "movers" / f"{capture.frames[index].name}.png"
+    if not path.is_file():
+        return None
+    try:
+        with Image.open(path) as image:
+            mask = np.array(image.convert("L")) > 127
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{path}: mask of movers cannot be read ({error}); make the capture again") from None
+    expected = (capture.camera.height, capture.camera.width)
+    if mask.shape != expected:
+        raise InputError(f"{path}: mask of movers has shape {mask.shape}, expected {expected}; make the capture again")
+    return mask
 
 
 def depth_of(capture: Capture, index: int) -> NDArray[np.float32] | None:
@@ -203,9 +231,15 @@ def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
     width, height = value.get("width"), value.get("height")
     if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
         raise InputError(f"{index}: camera width and height must be positive integers, found {width!r} x {height!r}")
+    if max(width, height) > MOST_PX:
+        raise InputError(f"{index}: camera is {width}x{height}, over {MOST_PX} pixels along a side")
     K = matrix_of(value.get("K"), (3, 3), "camera K", index)
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         raise InputError(f"{index}: camera K has a focal length that is not positive")
+    if np.abs(K).max() > LARGEST_K:
+        raise InputError(f"{index}: camera K holds {K.flat[np.abs(K).argmax()]:g}, over {LARGEST_K:g} pixels")
+    if K[0, 1] != 0 or K[1, 0] != 0 or not np.array_equal(K[2], [0, 0, 1]):
+        raise InputError(f"{index}: camera K has a skew or another last row than 0 0 1, which no pinhole here has")
     return PinholeCamera(width, height, K)
 
 
@@ -215,9 +249,7 @@ def frame_of_index(value: Any, number: int, index: Path) -> Frame:
         raise InputError(f"{index}: frame {number} is not an object")
     name = str(value.get("name", number))
     label = f"frame {name!r}"
-    # Pictures of a frame are written under its name.
-    if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
-        raise InputError(f"{index}: {label} has a name that is no plain file name; rename the frame")
+    check_name(name, label, index)
     if value.get("viewmat") is None:
         raise InputError(f"{index}: {label} has no pose (viewmat); remove the frame or add its pose")
     viewmat = pose_of(value["viewmat"], label, index)
@@ -240,6 +272,8 @@ def check_name(name: str, label: str, index: Path) -> None:
     """Pictures of a frame are written under its name, so it must not lead anywhere else."""
     if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
         raise InputError(f"{index}: {label} has a name that is no plain file name; rename it")
+    if len(name.encode()) > LONGEST_NAME:
+        raise InputError(f"{index}: {label[:40]}...' has a name longer than {LONGEST_NAME} bytes; rename it")
 
 
 def pose_of(value: Any, label: str, index: Path) -> NDArray[np.float64]:

@@ -27,6 +27,8 @@ def bench(
 
     if repeats < 1:
         raise InputError(f"--repeats {repeats}: must be at least 1")
+    if json is not None and what not in ("train", "raster"):
+        raise InputError(f"--json: only `train` and `raster` write one, `{what}` does not; leave it out")
     if json is not None and not json.parent.is_dir():
         raise InputError(f"--json {json}: there is no folder {json.parent}")
     if what == "train":

@@ -11,9 +11,11 @@ from tyro.conf import Positional, arg
 from aa4d.console import console, training_progress
 from aa4d.errors import InputError
 
+LARGEST_SEED = 2**63  # torch takes no larger one
+
 
 def train(
-    capture: Annotated[Positional[Path], arg(help="Capture folder, made by `aa4d synth`.")],
+    capture: Annotated[Positional[Path], arg(help="Capture folder, made by `aa4d synth` or `aa4d capture`.")],
     out: Annotated[Path, arg(help="Folder for the run: new, empty, or this run where it stopped.")],
     preset: Annotated[
         Literal["quick", "standard", "paper"],
@@ -30,6 +32,9 @@ def train(
     device: Annotated[
         Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
     ] = "auto",
+    refine_poses: Annotated[
+        bool, arg(help="Learn the training cameras' poses with the scene; for poses that are off by some pixels.")
+    ] = False,
     tensorboard: Annotated[bool, arg(help="Write OUT/tensorboard; look with `tensorboard --logdir OUT`.")] = False,
 ) -> None:
     """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
@@ -37,9 +42,9 @@ def train(
     from aa4d.training.config import PRESETS, with_iterations
     from aa4d.training.trainer import train as run_training
 
-    if seed < 0:
-        raise InputError(f"--seed {seed}: must not be negative")
-    config = replace(PRESETS[preset], seed=seed)
+    if not 0 <= seed < LARGEST_SEED:
+        raise InputError(f"--seed {seed}: must be from 0 to {LARGEST_SEED - 1}")
+    config = replace(PRESETS[preset], seed=seed, refine_poses=refine_poses)
     if iterations is not None:
         if min(iterations) < 1:
             raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")
@@ -55,4 +60,4 @@ def train(
             tensorboard=tensorboard,
             say=lambda sentence: console.print(sentence, highlight=False, soft_wrap=True),
         )
-    console.print(f"model: {model}")
+    console.print(f"model: {model}", highlight=False, soft_wrap=True)

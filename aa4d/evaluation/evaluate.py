@@ -106,8 +106,6 @@ def evaluate(
     Raises:
         InputError: no model, no capture, a capture without held-out frames, or no such device.
     """
-    if run.is_file():
-        raise InputError(f"{run}: is a file; name the folder of the run that holds it")
     chosen = choose_device(device)
     loaded = load_model(run / "model.safetensors", chosen)
     static = load_model(run / "coarse.safetensors", chosen) if (run / "coarse.safetensors").exists() else None

@@ -14,8 +14,8 @@ from aa4d.rendering import render
 
 
 def view_of_frame(loaded: LoadedModel, capture: Capture, index: int) -> tuple[float | None, Camera, Tensor]:
-    """Time, camera and background, as `render` takes them, where the model is."""
-    c, frame = capture.camera, capture.frames[index]
+    """Time, camera and background, as `render` takes them, where the model is; its own pose, which may be refined."""
+    c, frame = capture.camera, loaded.frames[index]
     device = loaded.model.anchors.position.device
     camera = loaded.frame.camera(frame.viewmat, c.K, c.width, c.height, device)
     return None if loaded.is_static else frame.t, camera, torch.tensor(loaded.background, device=device)

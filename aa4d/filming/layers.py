@@ -19,7 +19,7 @@ from aa4d.field.planes import PLANES
 from aa4d.filming.camera_path import View
 from aa4d.model import AdaAnchor4D
 from aa4d.model_file import LoadedModel
-from aa4d.raster.types import Rendering
+from aa4d.raster.types import Output, Rendering
 from aa4d.rendering import render
 
 LayerName = Literal["color", "depth", "alpha", "activity", "motion"]
@@ -103,6 +103,7 @@ def draw(loaded: LoadedModel, view: View, pinhole: PinholeCamera, names: list[st
     t = None if loaded.is_static else view.t
     camera = loaded.frame.camera(view.viewmat, pinhole.K, pinhole.width, pinhole.height)
     painted = {name: layer.anchor_values(loaded, t) for name, layer in layers.items() if layer.anchor_values}
+    outputs: tuple[Output, ...] = ("depth",) if "depth" in layers else ()
     values = {}
     with torch.no_grad():
         rendering = render(
@@ -110,7 +111,7 @@ def draw(loaded: LoadedModel, view: View, pinhole: PinholeCamera, names: list[st
             t,
             camera,
             torch.tensor(loaded.background),
-            depth="depth" in layers,
+            outputs=outputs,
             anchor_features=torch.stack(list(painted.values()), dim=1) if painted else None,
         ).rendering
         for name, layer in layers.items():

@@ -74,6 +74,7 @@ def inspect(run: Path, capture_folder: Path | None, out: Path, progress: Callabl
         capture = capture_of(loaded, capture_folder)
     make_folder(out)
     pictures = Pictures(out)
+    _remove_pictures(out, loaded)
     progress(1, steps)
     groups = (groups_by_truth(loaded, capture) if capture is not None else None) or groups_by_motion(loaded)
     weights = weights_over_time(loaded, groups)
@@ -102,6 +103,13 @@ def inspect(run: Path, capture_folder: Path | None, out: Path, progress: Callabl
     write_text(page, environment.get_template("page.html.jinja").render(context))
     progress(5, steps)
     return page
+
+
+def _remove_pictures(out: Path, loaded: LoadedModel) -> None:
+    """Those of an earlier page, which may have shown other frames: beside the new one they would mislead."""
+    for frame in loaded.frames:
+        for kind in ("frame", "render", *LAYERS):
+            (out / f"{frame.name}_{kind}.png").unlink(missing_ok=True)
 
 
 def _paint(

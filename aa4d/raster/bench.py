@@ -92,17 +92,21 @@ def bench(
 def bench_precision(repeats: int = 7, console: Console | None = None) -> None:
     """Print what each precision costs, and what error it leaves against float64 without any cut-off."""
     table = Table(
-        title=f"Precision: time on {_name(SCENES[0])}, errors on {_name(ERRORS)} against float64, no cut-offs"
+        title="What a precision costs and leaves",
+        caption=f"time on {_name(SCENES[0])}; errors on {_name(ERRORS)} against float64 without cut-offs",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
     )
     for column in (
         "precision",
-        "alpha from",
-        "transmittance to",
-        "forward ms",
-        "backward ms",
-        "largest error",
-        "rms error",
-        "gradient error",
+        "alpha\nfrom",
+        "T\ndown to",
+        "forward\nms",
+        "backward\nms",
+        "largest\nerror",
+        "rms\nerror",
+        "gradient\nerror",
     ):
         table.add_column(column, justify="right")
     gaussians, camera = random_scene(ERRORS)

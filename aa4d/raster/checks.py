@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Integral
+
 import torch
 from torch import Tensor
 
@@ -10,7 +12,10 @@ from aa4d.raster.types import Camera, Gaussians
 
 
 def check_shapes(gaussians: Gaussians, camera: Camera, background: Tensor) -> None:
-    """Raises ValueError where a shape, a kind of tensor, or the size of the image, is wrong."""
+    """Raises ValueError where a shape, a kind of tensor, or the image's size, is wrong; TypeError for no tensor."""
+    for name, value in {**vars(gaussians), "viewmat": camera.viewmat, "K": camera.K, "background": background}.items():
+        if not isinstance(value, Tensor) and (name != "features" or value is not None):
+            raise TypeError(f"{name} is a {type(value).__name__}, expected a torch tensor")
     count = len(gaussians.means) if gaussians.means.dim() else 0
     expected: list[tuple[str, Tensor, tuple[int, ...]]] = [
         ("means", gaussians.means, (count, 3)),
@@ -31,6 +36,9 @@ def check_shapes(gaussians: Gaussians, camera: Camera, background: Tensor) -> No
         raise ValueError(f"features has shape {list(features.shape)}, expected [{count}, at most {MAX_FEATURES}]")
     if features is not None:
         _check_kind("features", features)
+    for name, side in (("width", camera.width), ("height", camera.height)):
+        if not isinstance(side, Integral):
+            raise TypeError(f"{name} is {side!r}, expected a whole number")
     if not (1 <= camera.width <= MAX_SIDE and 1 <= camera.height <= MAX_SIDE):
         raise ValueError(
             f"the image has {camera.width} x {camera.height} pixels, expected 1 to {MAX_SIDE} along each side"

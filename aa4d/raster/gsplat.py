@@ -46,12 +46,12 @@ def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options:
         eps2d=DILATION,
         packed=False,
         backgrounds=behind[None],
-        render_mode="RGB+ED" if options.depth else "RGB",
+        render_mode="RGB+ED" if "depth" in options.outputs else "RGB",
         rasterize_mode=options.mode,
-        absgrad=options.absolute_gradient,
+        absgrad="absolute_gradient" in options.outputs,
     )
     screen = means.new_zeros(len(means))
-    screen_absolute = means.new_zeros(len(means)) if options.absolute_gradient else None
+    screen_absolute = means.new_zeros(len(means)) if "absolute_gradient" in options.outputs else None
     centers = info["means2d"]
     if centers.requires_grad:
         centers.register_hook(_screen_gradient_hook(centers, camera, screen, screen_absolute))
@@ -59,7 +59,7 @@ def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options:
     return Rendering(
         color=maps[0, ..., :3],
         alpha=alpha[0, ..., 0],
-        depth=maps[0, ..., -1] if options.depth else None,
+        depth=maps[0, ..., -1] if "depth" in options.outputs else None,
         radii=(radii.amax(dim=-1) if radii.dim() == 2 else radii).to(torch.int32),  # gsplat 1.5 has one for each axis
         screen_gradient=screen,
         screen_gradient_absolute=screen_absolute,

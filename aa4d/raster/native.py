@@ -18,7 +18,7 @@ def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options:
     """See `aa4d.raster.rasterize`."""
     count = len(gaussians.means)
     screen = torch.zeros(count)
-    screen_absolute = torch.zeros(count) if options.absolute_gradient else None
+    screen_absolute = torch.zeros(count) if "absolute_gradient" in options.outputs else None
     color, alpha, depth, features, radii = _Rasterize.apply(
         gaussians.means,
         gaussians.quaternions,
@@ -43,7 +43,7 @@ def draw(gaussians: Gaussians, camera: Camera, background: Tensor, options: Opti
     image = Rendering(
         color=torch.empty(*size, 3),
         alpha=torch.empty(size),
-        depth=torch.empty(size) if options.depth else None,
+        depth=torch.empty(size) if "depth" in options.outputs else None,
         radii=torch.empty(count, dtype=torch.int32),
         screen_gradient=torch.empty(0),
         features=None if features is None else torch.empty(*size, features.shape[1]),

@@ -72,7 +72,7 @@ def rasterize(
     cutoffs = cutoffs or CUTOFFS[options.precision]
     projected = project(gaussians, camera, options.mode == "antialiased", cutoffs)
     count = len(gaussians.means)
-    screen = ScreenGradient(camera, projected, count, options.absolute_gradient)
+    screen = ScreenGradient(camera, projected, count, "absolute_gradient" in options.outputs)
 
     # Everything that is blended, in one tensor: colour, weight, depth, features.
     colors, features = gaussians.colors[projected.index], gaussians.features
@@ -102,7 +102,9 @@ def rasterize(
     return Rendering(
         color=image[..., :3] + transmittance[..., None] * background,
         alpha=1 - transmittance,
-        depth=torch.where(weight > 0, image[..., 4] / torch.where(weight > 0, weight, 1), 0) if options.depth else None,
+        depth=torch.where(weight > 0, image[..., 4] / torch.where(weight > 0, weight, 1), 0)
+        if "depth" in options.outputs
+        else None,
         radii=radii,
         screen_gradient=screen.norm,
         screen_gradient_absolute=screen.absolute_norm,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from torch import Tensor
 
@@ -31,18 +31,22 @@ class Camera:
     near: float = 0.01
 
 
+# What is drawn or gathered only when it is asked for.
+Output = Literal["depth", "absolute_gradient"]
+OUTPUTS: tuple[Output, ...] = get_args(Output)
+
+
 @dataclass(frozen=True)
 class Options:
     """How to draw. What is not asked for costs nothing.
 
     `mode`: "antialiased" scales opacity so that the screen's low-pass filter adds none (Mip-Splatting, Yu et al. 2024).
     `precision`: "fast" has gsplat's cut-offs, "exact" far tighter ones: docs/rasteriser.md says what each leaves out.
-    `absolute_gradient`: fill `Rendering.screen_gradient_absolute`.
+    `outputs`: "depth" fills `Rendering.depth`, "absolute_gradient" `Rendering.screen_gradient_absolute`.
     `mask_invalid`: leave out a Gaussian that holds a NaN or an infinity, rather than refuse the scene.
     """
 
-    depth: bool = False
-    absolute_gradient: bool = False
+    outputs: frozenset[Output] = frozenset()
     mode: Literal["classic", "antialiased"] = "classic"
     precision: Literal["fast", "exact"] = "fast"
     mask_invalid: bool = False

@@ -18,6 +18,7 @@ from aa4d.files import whole_file
 from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
 from aa4d.training.config import LearningRates
 from aa4d.training.optimiser import make_optimiser
+from aa4d.training.poses import PoseRefinement
 
 
 @dataclass
@@ -30,6 +31,7 @@ class TrainingState:
     model: AdaAnchor4D
     optimiser: Adam
     statistics: Statistics
+    poses: PoseRefinement | None = None  # where poses are learned
 
 
 def save_checkpoint(path: Path, state: TrainingState) -> None:
@@ -38,14 +40,18 @@ def save_checkpoint(path: Path, state: TrainingState) -> None:
     for name, parameter in state.model.named_parameters():
         for key, value in state.optimiser.state.get(parameter, {}).items():
             tensors[f"adam.{key}.{name}"] = value
+    if state.poses is not None:
+        tensors |= {f"poses.{name}": value for name, value in state.poses.tensors().items()}
     position = {"stage": state.stage, "iteration": state.iteration, "seconds": state.seconds}
     with whole_file(path) as temporary:
         contiguous = {name: value.detach().contiguous() for name, value in tensors.items()}
         save_file(contiguous, str(temporary), metadata={"state": json.dumps(position)})
 
 
-def load_checkpoint(path: Path, config: ModelConfig, rates: LearningRates, device: torch.device) -> TrainingState:
-    """Raises InputError for a damaged file or one of another configuration."""
+def load_checkpoint(
+    path: Path, config: ModelConfig, rates: LearningRates, device: torch.device, poses: PoseRefinement | None = None
+) -> TrainingState:
+    """Raises InputError for a damaged file or one of another configuration. `poses` are set to those of the file."""
     try:
         with safe_open(str(path), framework="pt", device=str(device)) as file:
             position = json.loads(file.metadata()["state"])
@@ -59,11 +65,13 @@ def load_checkpoint(path: Path, config: ModelConfig, rates: LearningRates, devic
         for name, parameter in model.named_parameters():
             if name in moments["step"]:
                 optimiser.state[parameter] = {key: values[name] for key, values in moments.items()}
+        if poses is not None:
+            poses.load(_part(tensors, "poses."))
         return TrainingState(
-            position["stage"], position["iteration"], position["seconds"], model, optimiser, statistics
+            position["stage"], position["iteration"], position["seconds"], model, optimiser, statistics, poses
         )
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        reason = str(error).splitlines()[0]
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
         raise InputError(f"{path}: cannot continue from this checkpoint ({reason}); delete it to start over") from None
 
 

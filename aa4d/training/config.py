@@ -37,6 +37,7 @@ class LearningRates:
     decoder_opacity: Decay = Decay(0.002, 2e-5)  # [Scaffold-GS]
     decoder_color: Decay = Decay(0.008, 5e-5)  # [Scaffold-GS]
     decoder_covariance: Decay = Decay(0.004, 0.004)  # [Scaffold-GS]
+    poses: Decay = Decay(2e-3, 2e-5)  # [chosen] radians and model units; falls over both stages
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ class TrainingConfig:
     voxel_px: float = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
     embedding_std: float = 0.01  # [chosen] of the embeddings at the start
     checkpoint_every: int = 500  # iterations; a killed run repeats at most so many
+    refine_poses: bool = False  # learn the training cameras' poses with the scene
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification = field(default_factory=Densification)
     warp: WarpSettings = field(default_factory=WarpSettings)

@@ -70,11 +70,26 @@ class History:
 
 
 def _read(path: Path) -> list[list[str]]:
-    """Rows of a history; none where there is no file or its columns are others'."""
+    """Rows of a history; none where there is no file or its columns are others'.
+
+    Raises:
+        InputError: a row is not of the kind that `History` writes.
+    """
     if not path.exists():
         return []
-    rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
-    return rows[1:] if rows and rows[0] == list(COLUMNS) else []
+    try:
+        rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
+        if not rows or rows[0] != list(COLUMNS):
+            return []
+        for row in rows[1:]:
+            values = dict(zip(COLUMNS, row, strict=True))
+            for column in ("step", "iteration", "anchors"):
+                int(values[column])
+            for column in ("loss", "psnr_db", "seconds"):
+                float(values[column])
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as a history ({error}); delete it to go on without") from None
+    return rows[1:]
 
 
 def _board(folder: Path, step: int) -> SummaryWriter:

@@ -28,10 +28,20 @@ def check_folder(out: Path, settings: dict[str, Any]) -> None:
     wanted = json.loads(json.dumps(settings))
     for key in ("capture_fingerprint", "training", "model"):
         if found.get(key) != wanted[key]:
+            difference = "capture" if key == "capture_fingerprint" else _difference(found.get(key), wanted[key], key)
             raise InputError(
-                f"{out}: holds a run with another {key.replace('_', ' ')} (see {path}); "
+                f"{out}: holds a run with another {difference} (see {path}); "
                 "choose a new folder with --out, or delete that one"
             )
+
+
+def _difference(found: Any, wanted: Any, name: str) -> str:
+    """The first setting that differs, in words."""
+    if isinstance(found, dict) and isinstance(wanted, dict):
+        for key in wanted | found:
+            if found.get(key) != wanted.get(key):
+                return _difference(found.get(key), wanted.get(key), f"{name}.{key}")
+    return f"{name}: {found} there, {wanted} asked for"
 
 
 @contextmanager

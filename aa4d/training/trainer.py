@@ -34,6 +34,7 @@ from aa4d.training.growth import densify
 from aa4d.training.history import History
 from aa4d.training.interrupts import StopRequest, stop_requests
 from aa4d.training.optimiser import make_optimiser, set_rates
+from aa4d.training.poses import PoseRefinement, refined
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
@@ -175,13 +176,21 @@ class Run:
         torch.manual_seed(self.config.seed)
         model = AdaAnchor4D(c, anchors).to(self.device)
         optimiser = make_optimiser(model, self.config.rates, "coarse")
-        return TrainingState("coarse", 0, 0.0, model, optimiser, Statistics.zeros(len(anchors), c.offsets, self.device))
+        statistics = Statistics.zeros(len(anchors), c.offsets, self.device)
+        return TrainingState("coarse", 0, 0.0, model, optimiser, statistics, self._poses())
+
+    def _poses(self) -> PoseRefinement | None:
+        """The given poses as a start, where they are learned."""
+        if not self.config.refine_poses:
+            return None
+        return PoseRefinement([view.camera for view in self.views], self.config.rates.poses)
 
     def last_good_state(self) -> TrainingState:
         """That of the checkpoint, or the initial one where there is none."""
         if not self.checkpoint_path.exists():
             return self.initial_state()
-        return load_checkpoint(self.checkpoint_path, self.model_config, self.config.rates, self.device)
+        c = self.config
+        return load_checkpoint(self.checkpoint_path, self.model_config, c.rates, self.device, self._poses())
 
     def steps(self, state: TrainingState) -> int:
         """Iterations done over both stages."""
@@ -222,7 +231,10 @@ class Run:
         Raises:
             NotFinite: what is drawn or the loss is not finite, or `watch` says so of a gradient or a parameter.
         """
-        view = self._view(state.stage, state.iteration)
+        index = self._view_index(state.stage, state.iteration)
+        view, poses = self.views[index], state.poses
+        if poses is not None:
+            view = dataclasses.replace(view, camera=poses.camera(index, view.camera))
         model, optimiser = state.model, state.optimiser
         set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1))
         rendered = self._render(state, view)
@@ -236,6 +248,11 @@ class Run:
         if watch:
             watch(optimiser, "a gradient")
         optimiser.step()
+        if poses is not None:
+            total = self.config.coarse_iterations + self.config.fine_iterations
+            poses.step(self.steps(state) / total)
+            if (state.iteration + 1) % len(self.views) == 0:
+                poses.fix_gauge()
         if watch:
             watch(optimiser, "a parameter")
         with torch.no_grad():
@@ -249,11 +266,11 @@ class Run:
         except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
             raise NotFinite(f"what it draws ({error})") from None
 
-    def _view(self, stage: str, iteration: int) -> View:
+    def _view_index(self, stage: str, iteration: int) -> int:
         """Every view once an epoch, in an order drawn from (seed, stage, epoch)."""
         epoch, position = divmod(iteration, len(self.views))
         order = np.random.default_rng([self.config.seed, STAGES.index(stage), epoch]).permutation(len(self.views))
-        return self.views[order[position]]
+        return int(order[position])
 
     def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> tuple[Tensor, Tensor]:
         """The loss, and the squared error of the image."""
@@ -310,12 +327,14 @@ class Run:
             "seconds": round(state.seconds, 3),
             "capture_fingerprint": self.capture.fingerprint,
         }
+        if (poses := state.poses) is not None:
+            training["refined_poses"] = True
         background = tuple(float(c) for c in self.background)
         save_model(
             path,
             state.model,
             stage=state.stage,
-            capture=self.capture,
+            capture=self.capture if poses is None else refined(self.capture, self.frame, poses.values()),
             frame=self.frame,
             background=(background[0], background[1], background[2]),
             training=training,

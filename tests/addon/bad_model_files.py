@@ -106,6 +106,16 @@ def swollen(path: Path) -> object:
     return write_model(path, small, information)
 
 
+def overflowing(array: np.ndarray) -> np.ndarray:
+    return np.full_like(array, 1e38)
+
+
+# Files that can be read, but not evaluated.
+OVERFLOWING: dict[str, Callable[[Path], object]] = {
+    "weights": with_tensor("head_position.output.weight", overflowing),
+    "scales": with_tensor("anchors.log_scale", overflowing),
+}
+
 BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda path: path.unlink(missing_ok=True), "cannot be read"),
     "a folder": (lambda path: path.mkdir(), "cannot be read"),
@@ -175,6 +185,7 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "no frame rate": (with_information(lambda info: info.update(fps=0)), "fps"),
     "an immense frame rate": (with_information(lambda info: info.update(fps=10**400)), "not usable"),
     "frames that are numbers": (with_information(lambda info: info.update(frames=[3])), "not laid out"),
+    "a background beyond white": (with_information(lambda info: info.update(background=[1e40, 0, 0])), "[0, 1]"),
     "another camera": (with_information(lambda info: info["camera"].update(model="FISHEYE")), "PINHOLE"),
     "a camera without K": (with_information(lambda info: info["camera"].pop("K")), "K"),
     "positions that are not numbers": (with_tensor("anchors.position", not_a_number), "not finite"),

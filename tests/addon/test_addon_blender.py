@@ -1,6 +1,7 @@
 """The packaged extension, driven as a person or a script does: operators, the timeline, save and reload."""
 
 import importlib
+import os
 import shutil
 import zipfile
 from pathlib import Path
@@ -10,7 +11,7 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from bad_model_files import BAD_FILES
+from bad_model_files import BAD_FILES, OVERFLOWING
 from driving import attribute, go_to, imported, played, set_input, srgb
 from model_files import make_model, write_model
 from slow_reference import evaluate
@@ -345,6 +346,33 @@ def test_unusable_file_gives_one_report_line(bpy: Any, kind: str, tmp_path: Path
     assert not bpy.data.objects
     assert not bpy.data.meshes
     assert bpy.context.scene.frame_end == 250
+
+
+@pytest.mark.parametrize("carrier", ["ANCHORS", "GAUSSIANS"])
+@pytest.mark.parametrize("kind", OVERFLOWING)
+def test_model_that_overflows_is_refused(bpy: Any, kind: str, carrier: str, tmp_path: Path, capfd: Any) -> None:
+    path = tmp_path / "model.safetensors"
+    OVERFLOWING[kind](path)
+    with pytest.raises(RuntimeError, match="not finite at"):
+        bpy.ops.aa4d.import_model(filepath=str(path), carrier=carrier)
+    assert "Warning" not in "".join(capfd.readouterr())
+    assert not bpy.data.objects
+    assert not bpy.data.meshes
+    assert not bpy.data.cameras
+    assert bpy.context.scene.frame_end == 250
+
+
+@pytest.mark.parametrize("place", ["", "folder", "pipe", "\udcff.safetensors"])
+def test_place_that_is_no_file_is_refused(bpy: Any, place: str, tmp_path: Path, capfd: Any) -> None:
+    (tmp_path / "folder").mkdir()
+    if hasattr(os, "mkfifo"):  # opening it to read would wait for ever
+        os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RuntimeError) as report:
+        bpy.ops.aa4d.import_model(filepath=str(tmp_path / place) if place else "")
+    message = str(report.value).strip()
+    assert ("cannot be read" if place else "No file was chosen") in message
+    assert "\n" not in message
+    assert "Traceback" not in "".join(capfd.readouterr())
 
 
 @pytest.mark.parametrize("carrier", ["ANCHORS", "GAUSSIANS"])

@@ -109,6 +109,8 @@ def test_bake_of_a_range_and_with_few_keys(bpy: Any, model_path: Path) -> None:
     np.testing.assert_allclose(played(bpy, obj)["position"], (whole[0] + whole[2]) / 2, atol=1e-4)
     with pytest.raises(RuntimeError, match="must not end before it begins"):
         bpy.ops.aa4d.bake(use_range=True, first=4, last=2)
+    with pytest.raises(RuntimeError, match="5 frames"):
+        bpy.ops.aa4d.bake(use_range=True, first=6, last=9)
 
 
 def test_cancelled_bake_leaves_everything(bpy: Any, extension: str, model_path: Path) -> None:
@@ -334,7 +336,7 @@ def test_statistics_of_the_selection(bpy: Any, extension: str, model_path: Path)
         assert bpy.ops.aa4d.measure_selection() == {"FINISHED"}
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
-    text = importlib.import_module(f"{extension}.operators").statistics[obj.session_uid]
+    text = importlib.import_module(f"{extension}.operators.inspection").statistics[obj.session_uid]
     assert text[0] == "7 of 60 points"
     center = attribute(obj.data, "position")[:7].mean(axis=0)
     assert text[1] == "centre {:.2f}, {:.2f}, {:.2f} m".format(*center)
@@ -400,6 +402,12 @@ def test_linked_bake_plays(bpy: Any, model_path: Path, tmp_path: Path) -> None:
         go_to(bpy, frame)
         places.append(drawn(bpy, linked)["position"])
     assert np.abs(places[0] - places[1]).max() > 0.1
+    linked.select_set(True)
+    bpy.context.view_layer.objects.active = linked
+    operators = bpy.ops.aa4d
+    changing = (operators.bake, operators.free_bake, operators.relink, operators.fit_legend, operators.label_activity)
+    assert not any(operator.poll() for operator in (*changing, operators.set_up_compositing))
+    assert operators.export_ply.poll()
 
 
 def test_footage_stands_behind_the_camera_in_step(bpy: Any, tmp_path: Path) -> None:
@@ -465,6 +473,11 @@ def test_splats_go_out_as_they_are_shown(bpy: Any, model_path: Path, tmp_path: P
     assert bpy.context.scene.frame_current == 3
     with pytest.raises(RuntimeError, match="No such file"):
         bpy.ops.aa4d.export_ply(filepath=str(tmp_path / "missing" / "one.ply"))
+    for name in ("", "folder.ply", "one.png"):
+        (tmp_path / "folder.ply").mkdir(exist_ok=True)
+        for export in (bpy.ops.aa4d.export_ply, bpy.ops.aa4d.export_usd):
+            with pytest.raises(RuntimeError, match=r"^Error: [^\n]*name[^\n]*\s*$"):
+                export(filepath=str(tmp_path / name) if name else "")
     assert not list(tmp_path.glob(".*"))
 
 
@@ -713,7 +726,7 @@ def test_presets_set_what_exists(bpy: Any, extension: str) -> None:
 def test_translations_are_of_texts_that_exist(bpy: Any, extension: str) -> None:
     table = importlib.import_module(f"{extension}.translations").GERMAN
     folder = Path(importlib.import_module(extension).__file__).parent
-    source = "".join(path.read_text() for path in folder.glob("*.py") if path.name != "translations.py")
+    source = "".join(path.read_text() for path in folder.rglob("*.py") if path.name != "translations.py")
     assert [text for text in table if f'"{text}"' not in source and f'"""{text}"""' not in source] == []
     view = bpy.context.preferences.view
     before = view.language, view.use_translate_interface

@@ -7,9 +7,8 @@ import pytest
 from model_files import make_model, write_model
 from slow_reference import evaluate
 
-from addon import carriers, names
+from addon import carriers, names, products
 from addon.field import (
-    CHUNK,
     anchor_appearance,
     anchor_positions,
     anchor_state,
@@ -19,6 +18,7 @@ from addon.field import (
     to_world,
 )
 from addon.model import read_model
+from addon.products import CHUNK
 
 FRAMES = 5
 # First, last, on a frame, between frames, and outside the clip, where the planes hold and the networks go on.
@@ -56,7 +56,7 @@ def test_every_aggregation_agrees_with_the_specification(aggregation: str | None
         expected = evaluate(tensors, {**information, "config": {"dlgd": True, **information["config"]}}, t, np.ones(3))
         extent = np.ptp(expected["anchors"], axis=0).max()
         assert np.abs(to_world(model, anchor_state(field, t).positions) - expected["anchors"]).max() < 1e-5 * extent
-        assert np.array_equal(anchor_positions(field, t), anchor_state(field, t).positions)
+        np.testing.assert_allclose(anchor_positions(field, t), anchor_state(field, t).positions, atol=1e-6)
         np.testing.assert_allclose(plane_weights(field, t).sum(axis=1), 1, atol=1e-5)
 
 
@@ -88,6 +88,45 @@ def test_chunks_do_not_show(tmp_path: Path) -> None:
     few = {name: tensor[-9:] if name.startswith("anchors.") else tensor for name, tensor in tensors.items()}
     alone = prepare(read_model(write_model(tmp_path / "few.safetensors", few, information)))
     np.testing.assert_allclose(anchor_state(field, 0.4).positions[-9:], anchor_state(alone, 0.4).positions, atol=1e-5)
+
+
+@pytest.mark.parametrize("way", [products.by_blas, products.by_loops])
+@pytest.mark.parametrize("processors", [1, 3])
+def test_neither_numpy_without_a_blas_nor_threads_show(
+    way: products.Product, processors: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field = prepare(read_model(write_model(tmp_path / "model.safetensors", *make_model(2 * CHUNK + 7))))
+    center = np.array([3.0, -40.0, 17.0])
+    wanted = (*names.SHAPE, *names.INSPECTION)
+    expected = carriers.evaluate(field, names.GAUSSIANS, 0.4, center, wanted)
+    monkeypatch.setattr(products, "_fastest", lambda: way)
+    monkeypatch.setattr(products, "_processors", lambda: processors)
+    for attribute, values in carriers.evaluate(field, names.GAUSSIANS, 0.4, center, wanted).items():
+        np.testing.assert_allclose(values, expected[attribute], rtol=1e-4, atol=2e-4, err_msg=attribute.name)
+
+
+def test_threads_of_the_blas_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While chunks run in threads of ours, it has one; afterwards as many as before, even after a failure."""
+    counts = [4]
+    blas = products.OpenBlas(lambda: counts[-1], counts.append)
+    monkeypatch.setattr(products, "_openblas", lambda: blas)
+    monkeypatch.setattr(products, "_processors", lambda: 2)
+    assert products.over_chunks(2 * CHUNK, lambda part: (part.start, counts[-1])) == [(0, 1), (CHUNK, 1)]
+    assert counts == [4, 1, 4]
+    with pytest.raises(ZeroDivisionError):
+        products.over_chunks(2 * CHUNK, lambda part: 1 / part.start)
+    assert counts == [4, 1, 4, 1, 4]
+
+
+def test_openblas_of_numpy_is_found() -> None:
+    if not list(Path(np.__file__).parent.parent.glob("numpy.libs/*openblas*")):
+        pytest.skip("this numpy brings no OpenBLAS")
+    blas = products._openblas()
+    assert blas is not None
+    before = blas.get_threads()
+    with products._one_blas_thread():
+        assert blas.get_threads() == 1
+    assert blas.get_threads() == before >= 1
 
 
 @pytest.mark.parametrize("name", ["xy", "yt"])

@@ -49,7 +49,10 @@ def test_numpy_agrees_with_torch(t: float, tmp_path: Path) -> None:
     _, information = make_model()
     sizes = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "bins")
     information["config"].update({name: getattr(config, name) for name in sizes})
-    tensors = {model_file.file_name_of(name): value.numpy() for name, value in state.items()}
+    tensors = {
+        model_file.file_name_of(name): model_file.as_in_file(name, value).contiguous().numpy()
+        for name, value in state.items()
+    }
     path = write_model(tmp_path / "model.safetensors", tensors, information)
 
     numpy_model = read_model(path)

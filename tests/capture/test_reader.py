@@ -72,6 +72,10 @@ def test_fingerprint_changes_with_the_index(toy_capture: Path) -> None:
         (lambda d: d["camera"].update(model="FISHEYE"), "FISHEYE"),
         (lambda d: d["camera"].update(width=-3), "positive integers"),
         (lambda d: d["camera"]["K"][0].__setitem__(0, 0), "focal length"),
+        (lambda d: d["camera"]["K"][0].__setitem__(1, 3.0), "skew"),
+        (lambda d: d["camera"]["K"][0].__setitem__(0, 1e300), "over 1e+06 pixels"),
+        (lambda d: d["camera"].update(width=10**9), "over 16384 pixels"),
+        (lambda d: d["frames"][3].update(name="x" * 300), "longer than 200 bytes"),
         (lambda d: d.pop("points"), "points is missing"),
     ],
 )
@@ -103,6 +107,13 @@ def test_image_of_another_size_is_named(toy_capture: Path) -> None:
     Image.new("RGB", (10, 10)).save(toy_capture / "frames/000004.png")
     capture = read_capture(toy_capture)
     with pytest.raises(InputError, match="image is 10x10, but the capture's camera says 48x32"):
+        read_image(capture, capture.frames[4])
+
+
+def test_an_image_of_sixteen_bits_is_refused_rather_than_read_as_white(toy_capture: Path) -> None:
+    Image.fromarray(np.full((32, 48), 30_000, np.uint16)).save(toy_capture / "frames/000004.png")
+    capture = read_capture(toy_capture)
+    with pytest.raises(InputError, match=r"000004.png: .* expected 8 bits a channel"):
         read_image(capture, capture.frames[4])
 
 

@@ -49,7 +49,7 @@ def test_grazing_far_outside_the_frame(x: float) -> None:
     gaussians = one_gaussian(
         means=[[x, 0.1, 1.0]], scales=[[x / 2, x / 8, 0.1]], quaternions=[[1.0, 0.05, -0.03, 0.02]]
     )
-    image, _ = assert_matches_reference(gaussians, straight_camera(), depth=True)
+    image, _ = assert_matches_reference(gaussians, straight_camera(), outputs=("depth",))
     assert image.alpha.max() > 0.01
 
 
@@ -114,14 +114,14 @@ def test_thousands_of_layers_on_one_pixel(opacity: float) -> None:
         opacities=[opacity] * count,
         colors=torch.rand(count, 3, generator=generator).tolist(),
     )
-    assert_matches_reference(gaussians, straight_camera(), 1e-5, 3e-5, depth=True)
+    assert_matches_reference(gaussians, straight_camera(), 1e-5, 3e-5, outputs=("depth",))
 
 
 def test_many_finished_pixels() -> None:
     """A crowd in which pixels finish at different depths, so that blocks hold finished and unfinished ones."""
     gaussians = random_gaussians(3000, 1, size=0.2)
     gaussians = replace(gaussians, opacities=gaussians.opacities.clamp(min=0.5))
-    image, _ = assert_matches_reference(gaussians, camera(), 1e-5, 3e-5, depth=True)
+    image, _ = assert_matches_reference(gaussians, camera(), 1e-5, 3e-5, outputs=("depth",))
     assert image.alpha.min() > 0.99
 
 
@@ -136,7 +136,7 @@ def test_equal_depths_are_drawn_in_the_order_given() -> None:
 
 def test_identical_gaussians() -> None:
     _, gradients = assert_matches_reference(
-        one_gaussian(opacities=[0.3] * 50), straight_camera(), gradient_tolerance=2e-5, depth=True
+        one_gaussian(opacities=[0.3] * 50), straight_camera(), gradient_tolerance=2e-5, outputs=("depth",)
     )
     assert (gradients["means"][0] - gradients["means"][-1]).abs().max() > 0  # those in front matter more
 
@@ -168,11 +168,11 @@ def test_principal_point_outside_the_image(center: tuple[float, float]) -> None:
 @pytest.mark.parametrize("size", [(1, 1), (1, 70), (31, 33), (65, 2)])
 def test_sizes_that_are_no_multiple_of_a_tile(size: tuple[int, int]) -> None:
     gaussians = random_gaussians(50, 3, size=0.5)
-    assert_matches_reference(gaussians, camera(*size, focal=15.0), depth=True)
+    assert_matches_reference(gaussians, camera(*size, focal=15.0), outputs=("depth",))
 
 
 def test_no_gaussians() -> None:
-    image, gradients = draw(random_gaussians(0, features=2), camera(17, 3), "native", depth=True)
+    image, gradients = draw(random_gaussians(0, features=2), camera(17, 3), "native", outputs=("depth",))
     assert torch.equal(image.color, torch.tensor([0.25, 0.5, 0.75]).expand(3, 17, 3))
     assert image.alpha.count_nonzero() == image.depth.count_nonzero() == image.features.count_nonzero() == 0
     assert gradients["means"].shape == (0, 3)

@@ -130,8 +130,13 @@ def test_the_page_holds_everything_itself(run: Path) -> None:
 
 
 def test_the_page_does_without_a_capture(run: Path) -> None:
+    inspect(run, None, run / "inspect", silent)
+    (run / "inspect/notes.png").touch()
     shutil.rmtree(run.parent / "capture")
     html = inspect(run, None, run / "inspect", silent).read_text()
+    # The frames of the first page are gone, and nothing else.
+    assert not list((run / "inspect").glob("*_frame.png"))
+    assert (run / "inspect/notes.png").exists()
     assert "by the model&#39;s own motion" in html
     assert "frame 0" not in html
     with pytest.raises(InputError, match="no such capture folder"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from raster_scenes import camera, draw, random_gaussians
@@ -96,7 +97,27 @@ def test_unknown_option_is_refused_with_what_is_known(option: str) -> None:
         rasterize(random_gaussians(3), camera(), background=torch.zeros(3), **options)
 
 
+@pytest.mark.parametrize("outputs", ["depth", ("depth", "normal")])
+def test_unknown_output_is_refused_with_what_is_known(outputs: Any) -> None:
+    with pytest.raises(ValueError, match="expected a collection of depth, absolute_gradient"):
+        rasterize(random_gaussians(3), camera(), background=torch.zeros(3), outputs=outputs)
+
+
 def test_unknown_instruction_set_is_refused(subprocess_python: Any) -> None:
     code = "from raster_scenes import *; draw(random_gaussians(3), camera(), 'native')"
     result = subprocess_python(code, AA4D_SIMD="mmx")
     assert "AA4D_SIMD=mmx: this machine has no such kernels; use avx512, avx2 or portable" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["means", "K", "background", "width"])
+def test_what_is_no_tensor_or_no_whole_number_is_named(name: str) -> None:
+    gaussians, cam, background = random_gaussians(3), camera(), torch.zeros(3)
+    spoil: dict[str, Any] = {"means": np.zeros((3, 3)), "K": np.eye(3), "background": (0, 0, 0), "width": 64.5}
+    if name == "means":
+        gaussians = replace(gaussians, means=spoil[name])
+    elif name == "background":
+        background = spoil[name]
+    else:
+        cam = replace(cam, **{name: spoil[name]})
+    with pytest.raises(TypeError, match=rf"^{name} is .*, expected a (torch tensor|whole number)$"):
+        rasterize(gaussians, cam, background=background)

@@ -30,7 +30,9 @@ class FakeGsplat(ModuleType):
         gaussians = Gaussians(
             kwargs["means"], kwargs["quats"], kwargs["scales"], kwargs["opacities"], colors[:, :3], colors
         )
-        image = reference.rasterize(gaussians, camera, kwargs["backgrounds"][0, :3], Options(depth=True))
+        image = reference.rasterize(
+            gaussians, camera, kwargs["backgrounds"][0, :3], Options(outputs=frozenset({"depth"}))
+        )
         maps = image.features + (1 - image.alpha)[..., None] * kwargs["backgrounds"][0]
         if kwargs["render_mode"] == "RGB+ED":
             maps = torch.cat([maps, image.depth[..., None]], dim=-1)
@@ -56,8 +58,10 @@ def fake_gsplat(monkeypatch: pytest.MonkeyPatch) -> FakeGsplat:
 def test_maps_come_back_in_their_places(fake_gsplat: FakeGsplat) -> None:
     gaussians = random_gaussians(40, features=3)
     background = torch.tensor([0.25, 0.5, 0.75]).double()
-    image = rasterize(gaussians, camera(), background=background, depth=True, backend="gsplat", mode="antialiased")
-    truth = rasterize(gaussians, camera(), background=background, depth=True, backend="reference")
+    image = rasterize(
+        gaussians, camera(), background=background, outputs=("depth",), backend="gsplat", mode="antialiased"
+    )
+    truth = rasterize(gaussians, camera(), background=background, outputs=("depth",), backend="reference")
     for name in ("color", "alpha", "depth", "features", "radii"):
         torch.testing.assert_close(getattr(image, name), getattr(truth, name))
     asked = fake_gsplat.seen

@@ -26,16 +26,16 @@ def test_matches_reference(seed: int, mode: str) -> None:
 @pytest.mark.parametrize("features", [None, 0, 1, 5, 32])
 def test_extra_outputs_match_reference(features: int | None) -> None:
     gaussians = random_gaussians(100, 7, features=features)
-    assert_matches_reference(gaussians, camera(), depth=True, absolute_gradient=True)
+    assert_matches_reference(gaussians, camera(), outputs=("depth", "absolute_gradient"))
 
 
 def test_exact_precision_matches_reference() -> None:
-    assert_matches_reference(random_gaussians(100, 3), camera(), depth=True, precision="exact")
+    assert_matches_reference(random_gaussians(100, 3), camera(), outputs=("depth",), precision="exact")
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 50), (16, 16), (17, 33)])
 def test_any_size_of_image(size: tuple[int, int]) -> None:
-    assert_matches_reference(random_gaussians(60, 1, size=0.4), camera(*size, focal=20.0), depth=True)
+    assert_matches_reference(random_gaussians(60, 1, size=0.4), camera(*size, focal=20.0), outputs=("depth",))
 
 
 def test_extra_outputs_change_nothing_else() -> None:
@@ -44,7 +44,7 @@ def test_extra_outputs_change_nothing_else() -> None:
     weights = torch.ones(45, 70, 7)
     weights[..., 4:] = 0
     featured = replace(gaussians, features=random_gaussians(300, 2, features=2).features)
-    full, gradients = draw_leaves(featured, camera(), "native", weights, depth=True, absolute_gradient=True)
+    full, gradients = draw_leaves(featured, camera(), "native", weights, outputs=("depth", "absolute_gradient"))
     assert torch.equal(full.color, plain.color)
     assert torch.equal(full.screen_gradient, plain.screen_gradient)
     assert torch.equal(gradients["scales"], plain_gradients["scales"])
@@ -60,7 +60,7 @@ def test_same_bits_for_any_number_of_threads() -> None:
     try:
         for count in (1, 2, 3, 7):
             torch.set_num_threads(count)
-            image, gradients = draw_leaves(gaussians, cam, "native", depth=True, absolute_gradient=True)
+            image, gradients = draw_leaves(gaussians, cam, "native", outputs=("depth", "absolute_gradient"))
             results.append([*vars(image).values(), *gradients.values()])
     finally:
         torch.set_num_threads(threads)
@@ -70,7 +70,7 @@ def test_same_bits_for_any_number_of_threads() -> None:
 
 def test_gradient_only_of_what_is_used() -> None:
     inputs = leaves(random_gaussians(50, features=4), torch.float32)
-    image = rasterize(inputs, camera(), background=torch.zeros(3), depth=True)
+    image = rasterize(inputs, camera(), background=torch.zeros(3), outputs=("depth",))
     image.alpha.sum().backward()
     assert inputs.opacities.grad.count_nonzero() > 0
     assert inputs.colors.grad.count_nonzero() == 0
@@ -126,9 +126,9 @@ def test_every_instruction_set_agrees(set_name: str, subprocess_python: Any) -> 
         "from aa4d.raster import _native\n"
         f"assert _native.instruction_set() == {set_name!r}\n"
         "gaussians = random_gaussians(150, 4, features=3)\n"
-        "assert_matches_reference(gaussians, camera(), depth=True, absolute_gradient=True)\n"
+        "assert_matches_reference(gaussians, camera(), outputs=('depth', 'absolute_gradient'))\n"
         "layers = one_gaussian(means=[[0, 0, 3 + 1e-3 * i] for i in range(1500)], opacities=[0.05])\n"
-        "assert_matches_reference(layers, straight_camera(), 1e-5, 3e-5, depth=True)\n"
+        "assert_matches_reference(layers, straight_camera(), 1e-5, 3e-5, outputs=('depth',))\n"
     )
     result = subprocess_python(code, AA4D_SIMD=set_name)
     if f"AA4D_SIMD={set_name}: this machine has no such kernels" in result.stderr:

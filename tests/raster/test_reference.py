@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -19,7 +20,7 @@ def test_ball_in_front_of_the_lens_is_a_round_gaussian() -> None:
     """On the axis a ball of standard deviation s at depth z is drawn with variance (f s / z)^2 + DILATION."""
     cam = straight_camera(41, 31, 32.0)
     ball = one_gaussian(means=[[0.0, 0.0, 4.0]], scales=[[0.5, 0.5, 0.5]], opacities=[0.5])
-    image = rasterize(ball, cam, background=BLACK, depth=True, backend="reference")
+    image = rasterize(ball, cam, background=BLACK, outputs=("depth",), backend="reference")
     x, y = torch.arange(41) + 0.5 - 20.5, torch.arange(31) + 0.5 - 15.5
     variance = (32 * 0.5 / 4) ** 2 + DILATION
     expected = 0.5 * torch.exp(-(x[None, :] ** 2 + y[:, None] ** 2).double() / (2 * variance))
@@ -38,7 +39,9 @@ def test_nearer_covers_farther_over_the_background() -> None:
         opacities=[0.5, 0.25],
         colors=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
     )
-    image = rasterize(two, straight_camera(1, 1), background=torch.eye(3).double()[2], depth=True, backend="reference")
+    image = rasterize(
+        two, straight_camera(1, 1), background=torch.eye(3).double()[2], outputs=("depth",), backend="reference"
+    )
     torch.testing.assert_close(image.color[0, 0], torch.tensor([0.375, 0.25, 0.375]).double(), rtol=0, atol=1e-4)
     assert image.depth[0, 0].item() == pytest.approx((0.25 * 4 + 0.375 * 5) / 0.625, abs=1e-4)
 
@@ -64,7 +67,7 @@ def test_gradients_match_finite_differences(name: str, mode: str) -> None:
     """Central differences of the float64 reference against the gradients of both back ends, every entry."""
     gaussians, cam = random_gaussians(5, 11, features=2), camera(12, 9, 10.0)
     weights = random_weights(cam, 7)
-    options = {"depth": True, "mode": mode, "precision": "exact"}
+    options: dict[str, Any] = {"outputs": ("depth",), "mode": mode, "precision": "exact"}
     given = {**vars(gaussians), "background": torch.tensor([0.25, 0.5, 0.75]).double(), "viewmat": cam.viewmat}
 
     def loss(value: torch.Tensor) -> float:
@@ -88,7 +91,7 @@ def test_gradients_match_finite_differences(name: str, mode: str) -> None:
 
 def test_absolute_screen_gradient_is_no_smaller_than_that_of_the_sum() -> None:
     gaussians = random_gaussians(30)
-    image, _ = draw(gaussians, camera(), "reference", absolute_gradient=True)
+    image, _ = draw(gaussians, camera(), "reference", outputs=("absolute_gradient",))
     seen = image.radii > 0
     assert (image.screen_gradient_absolute[seen] > image.screen_gradient[seen]).all()
     assert image.screen_gradient_absolute[~seen].count_nonzero() == 0

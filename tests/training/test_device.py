@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,9 +29,9 @@ from tests.training.short_run import SHORT
 OTHER = torch.device("meta")
 
 
-def blurred(gaussians: Gaussians, camera: Camera, *, background: Tensor, depth: bool) -> Rendering:
+def blurred(gaussians: Gaussians, camera: Camera, *, background: Tensor, outputs: Collection[str]) -> Rendering:
     """Stands for the rasteriser: every input reaches every pixel."""
-    assert not depth
+    assert not outputs
     mean = sum(value.mean() for value in vars(gaussians).values() if value is not None)
     color = (mean + background + camera.viewmat.sum() + camera.K.sum()).expand(camera.height, camera.width, 3)
     radii = gaussians.opacities.detach().int()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from aa4d.capture.reader import read_capture
-from aa4d.errors import Interrupted
+from aa4d.errors import InputError, Interrupted
 from aa4d.training.history import COLUMNS, History
 from aa4d.training.trainer import train
 from tests.training.short_run import OFTEN_SAVED
@@ -57,3 +57,12 @@ def test_a_foreign_history_is_started_anew(tmp_path: Path) -> None:
     history = History(tmp_path, 0, tensorboard=False)
     history.write(0)
     assert (tmp_path / "history.csv").read_text() == ",".join(COLUMNS) + "\n"
+
+
+@pytest.mark.parametrize("row", [b"abc,x\n", b"\n", b"20,coarse\n", b"\xff\xfe\n", b"20,coarse,20,low,20.0,100,1.0\n"])
+def test_a_damaged_history_is_refused_and_kept(tmp_path: Path, row: bytes) -> None:
+    content = (",".join(COLUMNS) + "\n").encode() + row
+    (tmp_path / "history.csv").write_bytes(content)
+    with pytest.raises(InputError, match=r"history\.csv: cannot be read as a history .*; delete it"):
+        History(tmp_path, 100, tensorboard=False)
+    assert (tmp_path / "history.csv").read_bytes() == content

@@ -1,0 +1,52 @@
+"""What to do when a reconstruction fails or is poor; the console and the report say the same."""
+
+from __future__ import annotations
+
+NOTHING_RECONSTRUCTED = "no cameras could be reconstructed"
+GOOD_SHARE = 0.95
+GOOD_ERROR_PX = 1.0
+TURNING = ("PANORAMIC", "PLANAR_OR_PANORAMIC")
+
+
+def no_model_advice(geometry: dict[str, int]) -> str:
+    """Why there is no model, from the kinds of two-view geometry among the matched pairs."""
+    pairs = sum(geometry.values())
+    if pairs == 0:
+        return (
+            "no two frames have enough in common; use frames that lie closer together (--rate), larger ones "
+            "(--longest-px), or a part of the clip with texture and daylight"
+        )
+    if sum(geometry.get(kind, 0) for kind in TURNING) > 0.5 * pairs:
+        return (
+            "the camera only turns or stands still, so that nothing shows how far away things are; use a part of the "
+            "clip in which the drone flies sideways or along an arc (--start, --end)"
+        )
+    return (
+        "the frames match but no pair shows enough parallax to start from; use more of the clip, frames further apart "
+        "(--rate), or --preset accurate"
+    )
+
+
+def advice(registered_share: float, error_px: float, other_models: int, gaps: int, blurred: int) -> list[str]:
+    """What a poor reconstruction needs; empty where it is good."""
+    said = []
+    if other_models:
+        said.append(
+            "The clip falls into parts that could not be joined: a cut, a fast turn, or too little overlap. Capture "
+            "the parts on their own (--start, --end), or raise --rate so that neighbouring frames overlap."
+        )
+    if registered_share < GOOD_SHARE and not other_models:
+        said.append(
+            "Some frames could not be placed. Try --preset accurate, a higher --rate, or leave out the stretch with "
+            "little texture (water, fields from far above, night)."
+        )
+    if gaps:
+        said.append("Some neighbouring frames have nothing in common: raise --rate, or check for a cut there.")
+    if error_px > GOOD_ERROR_PX:
+        said.append(
+            "The reprojection error is high: rolling shutter, a zoom during the clip or strong electronic "
+            "stabilisation. Switch stabilisation off when filming, fly slower, and use one zoom setting."
+        )
+    if blurred > 0:
+        said.append("Blurred frames were left out: a shorter exposure gives sharper ones.")
+    return said

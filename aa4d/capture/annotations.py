@@ -1,0 +1,76 @@
+"""Boxes of vehicles and people: VisDrone's and UAVDT's annotation files.
+
+VisDrone's toolkits and UAVDT's own files are described in docs/capture.md. Frames count from 1 in both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aa4d.errors import InputError
+
+VISDRONE_IGNORED = 0  # category: a region that nobody has annotated
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """Boxes in pixels of the source: left, top, width, height."""
+
+    file: Path
+    layout: str
+    boxes: dict[int, NDArray[np.float64]]  # frame number -> [M, 4]
+
+    def of(self, number: int | None) -> NDArray[np.float64]:
+        return self.boxes.get(-1 if number is None else number, np.zeros((0, 4)))
+
+
+def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
+    """Read a file by its number of columns: 10 VisDrone, 9 UAVDT (rows by target, not by frame), 4 one box a frame.
+
+    Args:
+        numbers: of the frames, as their file names have them.
+
+    Raises:
+        InputError: another layout, a damaged row, or frames without numbers.
+    """
+    if numbers is None:
+        raise InputError(f"{path}: boxes go by frame number, and the frames' file names have none; rename the frames")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as annotations ({error})") from None
+    rows = []
+    for line_number, line in enumerate(text.splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            rows.append([float(value) for value in line.strip().rstrip(",").split(",")])
+        except ValueError:
+            raise InputError(f"{path}: line {line_number} is not a row of numbers: {line[:60]!r}") from None
+        if len(rows[-1]) != len(rows[0]) or not np.isfinite(rows[-1]).all():
+            raise InputError(f"{path}: line {line_number} is not like the first; restore the file")
+    if not rows:  # UAVDT's ignore files can be empty
+        return Annotations(path, "empty", {})
+    table = np.array(rows)
+    if table.shape[1] == 10:
+        table = table[table[:, 7] != VISDRONE_IGNORED]
+        return Annotations(path, "VisDrone", _by_frame(table[:, 0], table[:, 2:6]))
+    if table.shape[1] == 9:
+        return Annotations(path, "UAVDT", _by_frame(table[:, 0], table[:, 2:6]))
+    if table.shape[1] == 4:
+        return Annotations(path, "one box a frame", _by_frame(np.arange(1.0, len(table) + 1), table))
+    raise InputError(
+        f"{path}: rows have {table.shape[1]} columns; known are 10 (VisDrone), 9 (UAVDT) and 4 (one box a frame)"
+    )
+
+
+def _by_frame(frame: NDArray[np.float64], boxes: NDArray[np.float64]) -> dict[int, NDArray[np.float64]]:
+    frame = frame.astype(int)
+    order = np.argsort(frame, kind="stable")
+    numbers, starts = np.unique(frame[order], return_index=True)
+    parts = np.split(boxes[order], starts[1:])
+    return {int(number): part for number, part in zip(numbers, parts, strict=True)}

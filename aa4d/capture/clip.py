@@ -1,0 +1,66 @@
+"""The clip: the frames that are used, in presentation order, as files of one size in one folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Position:
+    """Of the camera, by satellite: degrees, and metres above any one level."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One frame of a source, not yet read."""
+
+    label: str  # what people call it: a file name, or the second of a video
+    time_s: float
+    number: int | None  # by which annotation files name it
+    load: Callable[[], NDArray[np.uint8]]  # [H, W, 3] sRGB, upright; raises InputError
+    original: Path | None = None  # a file that holds exactly these pixels, JPEG or PNG
+    position: Position | None = None
+
+
+@dataclass(frozen=True)
+class ClipFrame:
+    file: str  # in the clip's folder
+    label: str
+    time_s: float
+    number: int | None
+    sharpness: float
+    position: Position | None
+
+
+@dataclass(frozen=True)
+class Clip:
+    folder: Path
+    width: int
+    height: int
+    source_size: tuple[int, int]  # width and height in the source, which annotations count in
+    frames: tuple[ClipFrame, ...]
+    notes: tuple[str, ...]  # what was left out and why
+
+    def as_json(self) -> dict[str, Any]:
+        value = asdict(self)
+        del value["folder"]
+        return value
+
+    @staticmethod
+    def from_json(folder: Path, value: dict[str, Any]) -> Clip:
+        frames = tuple(
+            ClipFrame(**{**f, "position": Position(**f["position"]) if f["position"] else None})
+            for f in value["frames"]
+        )
+        width, height = value["source_size"]
+        return Clip(folder, value["width"], value["height"], (width, height), frames, tuple(value["notes"]))

@@ -1,0 +1,68 @@
+"""SIFT features of every frame (COLMAP, on the CPU), none where something moves."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from aa4d.capture.clip import Clip
+from aa4d.capture.colmap import in_blocks, run
+from aa4d.capture.settings import Reconstruction
+from aa4d.capture.workspace import Progress
+
+USUAL_FOCAL = 0.8  # of the longest side: between the wide lens of most drones and the next longer one
+FRAMES_A_THREAD = 2  # in a block
+
+
+def extract(
+    clip: Clip,
+    masks: Path | None,
+    settings: Reconstruction,
+    fov_deg: float | None,
+    threads: int,
+    folder: Path,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Write `database.db` into `folder`; frames that it holds already are left as they are.
+
+    All frames are of one camera. Its focal length is that of the field of view, where given; else it is guessed, from
+    EXIF or as drones have it, until it is solved for.
+    """
+    database = folder / "database.db"
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = threads
+    options.max_image_size = settings.longest_px
+    options.sift.max_num_features = settings.features
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = settings.camera_model
+    reader.default_focal_length_factor = USUAL_FOCAL
+    if fov_deg is not None:
+        focal = 0.5 * clip.width / math.tan(math.radians(fov_deg) / 2)
+        camera = pycolmap.Camera.create_from_model_name(1, settings.camera_model, focal, clip.width, clip.height)
+        reader.camera_params = camera.params_to_string()
+    if masks is not None:
+        reader.mask_path = masks
+    names = [frame.file for frame in clip.frames]
+    for done, block in in_blocks(names, FRAMES_A_THREAD * threads):
+        # A block is stored whole: what a stopped run keeps, and what the progress counts.
+        run(
+            lambda token, block=block: pycolmap.extract_features(  # type: ignore[misc]
+                database,
+                clip.folder,
+                image_names=block,
+                camera_mode=pycolmap.CameraMode.SINGLE,
+                reader_options=reader,
+                extraction_options=options,
+                device=pycolmap.Device.cpu,
+                cancellation_token=token,
+            )
+        )
+        with pycolmap.Database.open(database) as opened:
+            reader.existing_camera_id = opened.read_all_cameras()[0].camera_id
+        progress(done + len(block), len(names))
+    with pycolmap.Database.open(database) as opened:
+        found = {image.name: opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()}
+    return {"features": [found.get(name, 0) for name in names]}

@@ -1,0 +1,301 @@
+"""`aa4d capture`: from a video or a folder of frames to a capture folder. Every step runs once (workspace.py)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from aa4d.capture import features, mapping, matching, movers
+from aa4d.capture.advice import advice
+from aa4d.capture.clip import Clip
+from aa4d.capture.orientation import Similarity, World, find_world
+from aa4d.capture.pictures import save_png
+from aa4d.capture.report import write_report
+from aa4d.capture.selection import make_clip, some
+from aa4d.capture.selfcheck import check_capture
+from aa4d.capture.settings import CaptureSettings
+from aa4d.capture.sources import Source, open_source
+from aa4d.capture.undistortion import Undistortion, pinhole_of, pinhole_pixels, viewmat_of
+from aa4d.capture.workspace import Progress, Workspace
+from aa4d.capture.writing import Cloud, Shot, write_capture
+from aa4d.errors import InputError, Interrupted
+from aa4d.files import make_folder, read_json_object, write_json
+
+Floats = NDArray[np.float64]
+FEWEST_VIEWS = 3  # a point that fewer frames have seen is often a mismatch
+
+
+@dataclass(frozen=True)
+class Made:
+    """What was made, for the command and the report."""
+
+    folder: Path
+    frames: int  # in the capture
+    used: int  # frames of the input that were tried
+    points: int
+    reprojection_px: float
+    fov_deg: float  # horizontal, of the capture's frames
+    world: dict[str, Any]
+    notes: tuple[str, ...]
+    advice: tuple[str, ...]
+    seconds: dict[str, float]
+    report: Path
+
+
+def make_capture(
+    path: Path, out: Path, settings: CaptureSettings, annotations: Path | None, watch: Callable[[str, bool], Progress]
+) -> Made:
+    """Make the capture `out` of `path`, or go on where an earlier call stopped.
+
+    Args:
+        watch: called as each step begins, with its name and whether it was done before; returns its progress.
+
+    Raises:
+        InputError: bad input; one sentence that says what to do.
+        Interrupted: Ctrl-C; what was done is kept.
+    """
+    source = open_source(path, settings.selection, annotations)
+    _claim(path, out)
+    workspace = Workspace(out / "work", watch)
+    try:
+        return _make(path, out, settings, source, workspace)
+    except KeyboardInterrupt:
+        raise Interrupted(f"stopped; {out / 'work'} keeps what is done, and the same command continues there") from None
+
+
+def _claim(path: Path, out: Path) -> None:
+    """Raises InputError where `out` holds something other than a capture of this input."""
+    record = out / "work" / "input.json"
+    resolved = str(path.resolve())
+    if record.is_file():
+        other = read_json_object(record, "the record of a capture's input").get("input")
+        if other != resolved:
+            raise InputError(f"{out}: holds a capture of {other}; choose a new folder with --out")
+        return
+    if out.is_dir() and any(out.iterdir()):
+        raise InputError(f"{out}: not empty, and no unfinished work of `aa4d capture`; choose a new folder with --out")
+    make_folder(record.parent)
+    write_json(record, {"input": resolved})
+
+
+def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, workspace: Workspace) -> Made:
+    how = settings.reconstruction
+    stamps = [(str(f), f.stat().st_size, f.stat().st_mtime_ns) for f in source.files]
+    boxes = None if source.annotations is None else source.annotations.file.read_text(encoding="utf-8")
+
+    def frames_step(folder: Path, progress: Progress) -> dict[str, Any]:
+        for leftover in folder.glob("*.*g"):
+            leftover.unlink()
+        made = make_clip(source.pictures, source.duration_s, settings.selection, source.notes, folder, progress)
+        return made.as_json()
+
+    frames = workspace.step("frames", [stamps, dataclasses.asdict(settings.selection)], frames_step)
+    clip = Clip.from_json(frames.folder, frames.result)
+    notes = list(clip.notes)
+
+    masks: Path | None = None
+    if settings.movers == "auto":
+        masked = workspace.step(
+            "movers",
+            [boxes],
+            lambda folder, progress: vars(movers.write_masks(clip, source.annotations, folder, progress)),
+        )
+        masks = masked.folder
+        notes += masked.result["notes"]
+
+    geometry: dict[str, Any] = {"geometry": {}, "gaps": []}
+    posed = source.posed
+    if posed is None or not posed.has_points:
+        found = workspace.step(
+            "features",
+            [how.features, how.longest_px, how.camera_model, settings.fov_deg],
+            lambda folder, progress: features.extract(
+                clip, masks, how, settings.fov_deg, settings.threads, folder, progress
+            ),
+        )
+        matched = workspace.step(
+            "matches",
+            [how.window, how.keyframes, settings.seed],
+            lambda folder, progress: matching.match(
+                clip, found.folder / "database.db", how, settings.threads, settings.seed, folder, progress
+            ),
+        )
+        geometry = matched.result
+        database = matched.folder / "database.db"
+    known = settings.fov_deg is not None
+    if posed is None:
+        mapped = workspace.step(
+            "cameras",
+            [how.global_refinements, how.grown_by, settings.seed],
+            lambda folder, progress: mapping.reconstruct(
+                clip, database, geometry["geometry"], how, known, settings.threads, settings.seed, folder, progress
+            ),
+        )
+    elif not posed.has_points:
+        mapped = workspace.step(
+            "cameras",
+            ["triangulate"],
+            lambda folder, progress: mapping.triangulate(clip, posed.of_clip(clip), database, folder, progress),
+        )
+    else:
+        mapped = workspace.step(
+            "cameras", ["given"], lambda folder, _: mapping.adopt(clip, posed.of_clip(clip), folder)
+        )
+    result = mapped.result
+    model = pycolmap.Reconstruction(mapped.folder / "model")
+    notes += _left_out(clip, result)
+
+    in_order = _images_in_order(model, clip)
+    points = _points_of(model)
+    world = _world(in_order, clip, points.positions, source, settings)
+    sim = world.to_world
+    model.transform(pycolmap.Sim3d(sim.scale, pycolmap.Rotation3d(sim.rotation), sim.translation))
+    cloud = _points_of(model)
+    cameras = [model.camera(image.camera_id) for image, _ in in_order]
+    pinhole = pinhole_of(list({c.camera_id: c for c in cameras}.values()), settings.size_px)
+    shots = [
+        Shot(Path(clip.frames[rank].file).stem, clip.frames[rank].label, clip.frames[rank].time_s, viewmat_of(image))
+        for image, rank in in_order
+    ]
+
+    def pictures_step(folder: Path, progress: Progress) -> dict[str, Any]:
+        maps: dict[int, Undistortion] = {}
+        for done, ((_, rank), camera) in enumerate(zip(in_order, cameras, strict=True), 1):
+            if camera.camera_id not in maps:
+                maps[camera.camera_id] = Undistortion(camera, pinhole)
+            undistortion, frame = maps[camera.camera_id], clip.frames[rank]
+            target = folder / f"{Path(frame.file).stem}.png"
+            if not target.exists():
+                if masks is not None:
+                    moving = movers.read_mask(movers.mask_path(masks, frame.file))
+                    white = np.where(moving, 255, 0).astype(np.uint8)
+                    save_png(target.with_suffix(".mask.png"), undistortion.mask(white))
+                save_png(target, undistortion.picture(clip.folder / frame.file))
+            progress(done, len(in_order))
+        return {}
+
+    pictures = workspace.step("pictures", [settings.size_px], pictures_step)
+    generator = {
+        "input": path.name,
+        "kind": source.kind,
+        "preset": settings.preset,
+        "registered": f"{len(shots)} of {len(clip.frames)}",
+        "world": world.as_json(),
+        "movers": settings.movers if masks is None else movers_kind(source),
+        "notes": notes,
+    }
+    observations = _observations(in_order, model, pinhole, shots)
+
+    def assemble_step(_: Path, progress: Progress) -> dict[str, Any]:
+        progress(0, 2)
+        name = path.stem if path.is_file() else path.resolve().name
+        write_capture(out, name, pictures.folder, pinhole, shots, cloud, generator)
+        progress(1, 2)
+        checked = check_capture(out, observations)
+        progress(2, 2)
+        return checked
+
+    checked = workspace.step("capture", [generator, settings.altitude_m], assemble_step).result
+    if not (out / "capture.json").exists():
+        # Somebody deleted it: the step's folder alone does not make a capture.
+        assemble_step(workspace.folder, lambda *_: None)
+    said = advice(
+        len(shots) / len(clip.frames),
+        checked["reprojection_px"]["median"],
+        len(result["other_models"]),
+        len(geometry["gaps"]),
+        sum("blurred" in note for note in notes),
+    )
+    made = Made(
+        folder=out,
+        frames=len(shots),
+        used=len(clip.frames),
+        points=len(cloud.positions),
+        reprojection_px=checked["reprojection_px"]["median"],
+        fov_deg=2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0]))),
+        world=world.as_json(),
+        notes=tuple(notes),
+        advice=tuple(said),
+        seconds=dict(workspace.seconds),
+        report=out / "report.html",
+    )
+    write_report(made, clip, result, geometry, checked, shots, cloud, pinhole)
+    write_json(out / "cost.json", {"seconds": sum(made.seconds.values()), "stages": made.seconds, "frames": []})
+    return made
+
+
+def movers_kind(source: Source) -> str:
+    return "epipolar motion" if source.annotations is None else f"boxes ({source.annotations.layout})"
+
+
+def _left_out(clip: Clip, result: dict[str, Any]) -> list[str]:
+    """What the model leaves out, in words: frames without a pose, and the other models."""
+    said = []
+    if result["attempts"] > 1:
+        said.append(f"the cameras were found with lowered thresholds, at attempt {result['attempts']}: see the report")
+    if result["focal_was_kept"]:
+        said.append(
+            "the frames do not tell the field of view (flat ground, little change of direction), and the usual one was "
+            "taken: if you know the camera's, give --fov"
+        )
+    for ranks in result["other_models"]:
+        first, last = clip.frames[ranks[0]], clip.frames[ranks[-1]]
+        said.append(
+            f"a second part of the clip, {len(ranks)} frames from {first.label} to {last.label}, could not be joined "
+            "with the largest and was left out"
+        )
+    elsewhere = {rank for ranks in result["other_models"] for rank in ranks}
+    lost = sorted(set(range(len(clip.frames))) - set(result["registered"]) - elsewhere)
+    if lost:
+        said.append(f"{some([clip.frames[i].label for i in lost])} left out: no pose could be found")
+    return said
+
+
+def _images_in_order(model: Any, clip: Clip) -> list[tuple[Any, int]]:
+    """COLMAP images with a pose and their ranks in the clip, in presentation order."""
+    rank_of = {frame.file: rank for rank, frame in enumerate(clip.frames)}
+    found = [model.image(i) for i in model.reg_image_ids()]
+    return sorted(((image, rank_of[image.name]) for image in found if image.name in rank_of), key=lambda pair: pair[1])
+
+
+def _points_of(model: Any) -> Cloud:
+    """Points that at least three frames have seen, or all where those are too few."""
+    every = list(model.points3D.values())
+    steady = [p for p in every if p.track.length() >= FEWEST_VIEWS]
+    chosen = steady if len(steady) >= 100 else every
+    return Cloud(
+        np.array([p.xyz for p in chosen]).reshape(-1, 3),
+        np.array([p.color for p in chosen], np.uint8).reshape(-1, 3),
+        np.array([p.error for p in chosen], np.float64),
+    )
+
+
+def _world(
+    in_order: list[tuple[Any, int]], clip: Clip, points: Floats, source: Source, settings: CaptureSettings
+) -> World:
+    if source.posed is not None and source.posed.z_is_up:
+        same = Similarity(1.0, np.eye(3), np.zeros(3))
+        return World(same, "unit", "the input: its world is kept", "the input: its world is kept", None, None)
+    viewmats = np.array([viewmat_of(image) for image, _ in in_order])
+    positions = [clip.frames[rank].position for _, rank in in_order]
+    return find_world(viewmats, points, positions, settings.altitude_m, settings.seed)
+
+
+def _observations(
+    in_order: list[tuple[Any, int]], model: Any, pinhole: Any, shots: list[Shot]
+) -> dict[str, tuple[Floats, Floats]]:
+    found = {}
+    for (image, _), shot in zip(in_order, shots, strict=True):
+        seen = image.get_observation_points2D()
+        if len(seen):
+            pixels = np.array([p.xy for p in seen])
+            points = np.array([model.point3D(p.point3D_id).xyz for p in seen])
+            found[shot.name] = points, pinhole_pixels(model.camera(image.camera_id), pinhole, pixels)
+    return found

@@ -1,0 +1,227 @@
+"""Incremental structure from motion (COLMAP), and the choice among the models that it finds."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
+from aa4d.capture.clip import Clip
+from aa4d.capture.colmap import quiet, run
+from aa4d.capture.settings import Reconstruction
+from aa4d.capture.workspace import Progress
+from aa4d.errors import InputError
+
+FEWEST = 3  # frames of a model that is worth keeping
+FEWEST_POINTS = 30
+ENOUGH = 0.5  # of the frames: with less, mapping is tried again with the relaxed thresholds
+PARALLAX_DEG = 0.5  # median angle under which a point is seen; less is a camera that only turns
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Thresholds of one try, from COLMAP's own to what a slow, high drone needs."""
+
+    initial_angle_deg: float
+    initial_inliers: int
+    pose_inliers: int
+    point_angle_deg: float
+
+
+ATTEMPTS = (Attempt(16, 100, 30, 1.5), Attempt(4, 50, 20, 0.7), Attempt(1.5, 30, 15, 0.3))
+# Of the picture's longest side: 100 to 14 degrees across. Over flat ground, a wrong focal length explains the frames as
+# well as the right one; where what is found lies outside, the guess is kept instead.
+SHORTEST_FOCAL, LONGEST_FOCAL = 0.42, 4.0
+
+
+def reconstruct(
+    clip: Clip,
+    matches: Path,
+    geometry: dict[str, int],
+    settings: Reconstruction,
+    focal_is_known: bool,
+    threads: int,
+    seed: int,
+    folder: Path,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Write the largest model into `folder`/model.
+
+    Raises:
+        InputError: nothing could be reconstructed; says what the frames lack and what to do.
+    """
+    best: dict[int, Any] = {}
+    number, solve_focal = 0, not focal_is_known
+    names = [frame.file for frame in clip.frames]
+    for number, attempt in enumerate(ATTEMPTS):
+        tries = folder / f"attempt-{number}"
+        shutil.rmtree(tries, ignore_errors=True)
+        tries.mkdir()
+        models = _map(clip, matches, _options(settings, attempt, solve_focal, threads, seed), tries, progress)
+        if solve_focal and models and not any(has_usual_focal(m) for m in models.values()):
+            solve_focal = False
+            models = _map(clip, matches, _options(settings, attempt, solve_focal, threads, seed), tries, progress)
+        if _registered(models) > _registered(best):
+            best = models
+        if _registered(best) >= ENOUGH * len(names):
+            break
+    if not best:
+        raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice(geometry)}")
+    ordered = sorted(best.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
+    model = ordered[0]
+    angles = triangulation_angles_deg(model)
+    if float(np.median(angles)) < PARALLAX_DEG:
+        raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice({'PANORAMIC': 1})}")
+    target = folder / "model"
+    target.mkdir(exist_ok=True)
+    model.write(target)
+    for tries in folder.glob("attempt-*"):
+        shutil.rmtree(tries)
+    registered = _ranks(model, names)
+    # Models may overlap: what counts of the others are the frames that the largest has not.
+    others = [sorted(set(_ranks(m, names)) - set(registered)) for m in ordered[1:]]
+    return {
+        "registered": registered,
+        "other_models": [ranks for ranks in others if len(ranks) >= FEWEST],
+        "attempts": number + 1,
+        "focal_was_kept": not solve_focal and not focal_is_known,
+        "median_angle_deg": float(np.median(angles)),
+    }
+
+
+def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int) -> Any:
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = threads
+    options.random_seed = seed
+    options.mapper.random_seed = seed
+    options.triangulation.random_seed = seed
+    options.min_model_size = FEWEST
+    options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = solve_focal
+    options.ba_global_max_refinements = settings.global_refinements
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = settings.grown_by
+    options.mapper.init_min_tri_angle = attempt.initial_angle_deg
+    options.mapper.init_min_num_inliers = attempt.initial_inliers
+    options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
+    options.mapper.filter_min_tri_angle = attempt.point_angle_deg
+    options.triangulation.min_angle = attempt.point_angle_deg
+    return options
+
+
+def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progress) -> dict[int, Any]:
+    registered = [0]
+
+    def next_image() -> None:
+        registered[0] += 1
+
+    # The random numbers of RANSAC are drawn from one generator for all of COLMAP.
+    pycolmap.set_random_seed(max(options.random_seed, 0))
+    found: dict[int, Any] = run(
+        lambda token: pycolmap.incremental_mapping(
+            matches, clip.folder, folder, options, next_image_callback=next_image, cancellation_token=token
+        ),
+        lambda: progress(min(registered[0] + 2 if registered[0] else 0, len(clip.frames)), len(clip.frames)),
+    )
+    return {i: model for i, model in found.items() if model.num_reg_images() >= FEWEST}
+
+
+def has_usual_focal(model: Any) -> bool:
+    """Whether a field of view is one that cameras have."""
+    return all(
+        SHORTEST_FOCAL <= camera.mean_focal_length() / max(camera.width, camera.height) <= LONGEST_FOCAL
+        for camera in model.cameras.values()
+    )
+
+
+def _registered(models: dict[int, Any]) -> int:
+    return max((m.num_reg_images() for m in models.values()), default=0)
+
+
+def _ranks(model: Any, names: list[str]) -> list[int]:
+    return sorted(names.index(model.image(i).name) for i in model.reg_image_ids())
+
+
+def triangulation_angles_deg(model: Any) -> np.ndarray:
+    """The widest angle [P] under which each point is seen, from at most ten of its frames."""
+    centres = {i: model.image(i).projection_center() for i in model.reg_image_ids()}
+    angles = []
+    for point in model.points3D.values():
+        ids = list({element.image_id for element in point.track.elements})
+        chosen = np.array([centres[i] for i in ids[:: max(1, len(ids) // 10)]])
+        rays = chosen - point.xyz
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        angles.append(np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1).min())))
+    return np.array(angles) if angles else np.zeros(1)
+
+
+def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: Progress) -> dict[str, Any]:
+    """Points for cameras that are known: matches are triangulated, the cameras stay as they are."""
+    progress(0, 1)
+    quiet()
+    with pycolmap.Database.open(matches) as opened:
+        model = as_in_database(model, opened)
+    target = folder / "model"
+    target.mkdir(exist_ok=True)
+    model = run(
+        lambda token: pycolmap.triangulate_points(model, matches, clip.folder, target, cancellation_token=token),
+    )
+    if model.num_points3D() < FEWEST_POINTS:
+        raise InputError(
+            f"{NOTHING_RECONSTRUCTED}: the given cameras see no common points; do the poses belong to these frames?"
+        )
+    model.write(target)
+    progress(1, 1)
+    return _as_given(clip, model)
+
+
+def as_in_database(model: Any, database: Any) -> Any:
+    """The given cameras under the database's numbers, and its camera replaced by the given one.
+
+    Raises:
+        InputError: several cameras; features were found for one.
+    """
+    used = {model.image(i).camera_id for i in model.reg_image_ids()}
+    if len(used) > 1:
+        raise InputError(
+            f"the given poses have {len(used)} cameras and no points; one camera is needed, or a COLMAP model with "
+            "points (capture the pictures alone to have both estimated)"
+        )
+    stored = database.read_all_cameras()[0]
+    given = model.camera(used.pop())
+    camera = pycolmap.Camera(model=given.model_name, width=given.width, height=given.height, params=given.params)
+    camera.camera_id = stored.camera_id
+    database.update_camera(camera)
+    number_of = {image.name: image.image_id for image in database.read_all_images()}
+    result = pycolmap.Reconstruction()
+    result.add_camera_with_trivial_rig(camera)
+    for image_id in model.reg_image_ids():
+        given_image = model.image(image_id)
+        if given_image.name in number_of:
+            image = pycolmap.Image(
+                name=given_image.name, camera_id=camera.camera_id, image_id=number_of[given_image.name]
+            )
+            result.add_image_with_trivial_frame(image, given_image.cam_from_world())
+    return result
+
+
+def adopt(clip: Clip, model: Any, folder: Path) -> dict[str, Any]:
+    """A model that was given with its points."""
+    target = folder / "model"
+    target.mkdir(exist_ok=True)
+    model.write(target)
+    return _as_given(clip, model)
+
+
+def _as_given(clip: Clip, model: Any) -> dict[str, Any]:
+    names = [frame.file for frame in clip.frames]
+    return {
+        "registered": _ranks(model, names),
+        "other_models": [],
+        "attempts": 0,
+        "focal_was_kept": False,
+        "median_angle_deg": float(np.median(triangulation_angles_deg(model))),
+    }

@@ -1,0 +1,84 @@
+"""Which frames are compared, and their verified matches.
+
+A video's frames overlap with those around them: each is matched with the `window` frames after it and with those at
+twice, four times, ... that distance. A drone comes back to what it has seen: `keyframes` frames, spread over the clip,
+are matched each with each, which closes loops without a vocabulary tree to download.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from aa4d.capture.clip import Clip
+from aa4d.capture.colmap import in_blocks, run
+from aa4d.capture.settings import Reconstruction
+from aa4d.capture.workspace import Progress
+
+PAIRS_A_THREAD = 10  # in a block: stored together, what a stopped run keeps
+
+
+def pairs(frames: int, window: int, keyframes: int) -> list[tuple[int, int]]:
+    """Sorted pairs i < j of frame ranks."""
+    distances = set(range(1, window + 1))
+    distance = 2 * window
+    while distance < frames:
+        distances.add(distance)
+        distance *= 2
+    found = {(i, i + d) for d in distances for i in range(frames - d)}
+    keys = sorted(set(np.linspace(0, frames - 1, min(keyframes, frames)).round().astype(int).tolist()))
+    found |= {(a, b) for n, a in enumerate(keys) for b in keys[n + 1 :]}
+    return sorted(found)
+
+
+def match(
+    clip: Clip, features: Path, settings: Reconstruction, threads: int, seed: int, folder: Path, progress: Progress
+) -> dict[str, Any]:
+    """Add matches to a copy of the features' database in `folder`; pairs that it holds already are not repeated."""
+    database = folder / "database.db"
+    if not database.exists():
+        unfinished = folder / "copying.db"
+        shutil.copyfile(features, unfinished)
+        unfinished.replace(database)
+    wanted = pairs(len(clip.frames), settings.window, settings.keyframes)
+    names = [frame.file for frame in clip.frames]
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = threads
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    # Tells a turning camera from a flat scene.
+    verification.compute_relative_pose = True
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = folder / "pairs.txt"
+    for done, block in in_blocks(wanted, PAIRS_A_THREAD * threads):
+        lines = "".join(f"{names[i]} {names[j]}\n" for i, j in block)
+        Path(pairing.match_list_path).write_text(lines, encoding="utf-8")
+        run(
+            lambda token: pycolmap.match_image_pairs(
+                database, matching, pairing, verification, device=pycolmap.Device.cpu, cancellation_token=token
+            )
+        )
+        progress(done + len(block), len(wanted))
+    return {"pairs": len(wanted), **_verified(database, names)}
+
+
+def _verified(database: Path, names: list[str]) -> dict[str, Any]:
+    """How many pairs hold, of which geometry they are, and where neighbours have nothing in common."""
+    with pycolmap.Database.open(database) as opened:
+        rank_of = {image.image_id: names.index(image.name) for image in opened.read_all_images()}
+        ids, geometries = opened.read_two_view_geometries()
+    kinds: Counter[str] = Counter()
+    joined: set[int] = set()
+    for pair, geometry in zip(ids, geometries, strict=True):
+        if len(geometry.inlier_matches) == 0:
+            continue
+        kinds[pycolmap.TwoViewGeometryConfiguration(geometry.config).name] += 1
+        a, b = sorted(rank_of[i] for i in pycolmap.pair_id_to_image_pair(pair))
+        joined.update(range(a, b))
+    gaps = [i for i in range(len(names) - 1) if i not in joined]
+    return {"verified": sum(kinds.values()), "geometry": dict(kinds), "gaps": gaps}

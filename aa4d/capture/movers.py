@@ -1,0 +1,185 @@
+"""Masks of what moves: from annotated boxes, else from motion that disagrees with the background's epipolar geometry.
+
+Between two frames a static point may only move along its epipolar line (Hartley and Zisserman, Multiple View Geometry,
+chapter 9), and where the scene is flat or the camera only turns, by one homography. A pixel whose optical flow to the
+frames before *and* after fits neither is taken for a mover. What drives along the epipolar lines, that is towards or
+away from where the drone is flying, is not found; a car that stands is not one either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aa4d.capture.annotations import Annotations
+from aa4d.capture.clip import Clip
+from aa4d.capture.pictures import save_png
+from aa4d.capture.workspace import Progress
+
+FLOW_PX = 640  # longest side of the pictures in which motion is measured
+LEAST_MOTION_PX = 12.0  # of the background, in those pictures, between the frames that are compared
+FARTHEST = 4  # frames, where the drone is slow
+DISAGREEMENT_PX = 0.9
+INLIER_PX = 0.5  # of the background's own motion
+AROUND_PX = 9  # a mask is wider than what was found: blurred outlines belong to the car
+SAMPLES = 4000  # flow vectors that the background's motion is estimated from
+BORDER_SHARE = 0.3  # of a box, on every side: the shadow and the blurred outline belong to the car
+SMALLEST = 1.5e-4  # of the picture's area, of a moving patch
+LARGEST = 0.35  # of the picture's area: where more seems to move, the background was not found
+
+Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Movers:
+    how: str  # "boxes", "epipolar" or "off"
+    share: list[float]  # of each frame's pixels
+    notes: list[str]
+
+
+def mask_path(folder: Path, file: str) -> Path:
+    """COLMAP looks for the mask of `a.jpg` in `a.jpg.png`; features are found where it is not black."""
+    return folder / f"{file}.png"
+
+
+def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progress: Progress) -> Movers:
+    """One mask a frame, black where something moves."""
+    notes: list[str] = []
+    if annotations is not None:
+        masks: Callable[[int], Mask] = lambda i: box_mask(clip, annotations.of(clip.frames[i].number))  # noqa: E731
+    else:
+        masks = EpipolarMotion(clip).mask
+    shares = []
+    for i, frame in enumerate(clip.frames):
+        path = mask_path(folder, frame.file)
+        moving = read_mask(path) if path.exists() else masks(i)
+        if moving.mean() > LARGEST:
+            notes.append(f"{frame.label}: more than a third of it seems to move; no mask is used there")
+            moving = np.zeros_like(moving)
+        if not path.exists():
+            save_png(path, np.where(moving, 0, 255).astype(np.uint8))
+        shares.append(float(moving.mean()))
+        progress(i + 1, len(clip.frames))
+    return Movers("epipolar" if annotations is None else "boxes", shares, notes)
+
+
+def read_mask(path: Path) -> Mask:
+    """[H, W]: where a stored mask is black, something moves."""
+    return np.asarray(cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE)) == 0
+
+
+def box_mask(clip: Clip, boxes: NDArray[np.float64]) -> Mask:
+    """Boxes [M, 4] (left, top, width, height, source pixels), each with a border, as a mask of the clip's size."""
+    mask = np.zeros((clip.height, clip.width), bool)
+    scale = clip.width / clip.source_size[0]
+    for left, top, width, height in boxes * scale:
+        x0, x1 = left - BORDER_SHARE * width, left + (1 + BORDER_SHARE) * width
+        y0, y1 = top - BORDER_SHARE * height, top + (1 + BORDER_SHARE) * height
+        rows = slice(max(int(y0), 0), max(int(np.ceil(y1)), 0))
+        mask[rows, max(int(x0), 0) : max(int(np.ceil(x1)), 0)] = True
+    return mask
+
+
+class EpipolarMotion:
+    """Masks of one clip; keeps the grey pictures of the frames around."""
+
+    def __init__(self, clip: Clip) -> None:
+        self.clip = clip
+        self.scale = FLOW_PX / max(clip.width, clip.height)
+        self._grey: dict[int, NDArray[np.uint8]] = {}
+        self._rough = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+        self._fine = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        self._fine.setFinestScale(0)  # a car can be ten pixels long
+
+    def mask(self, index: int) -> Mask:
+        """[H, W] at the clip's size: what disagrees with the background in both directions of time."""
+        # The first and the last frame have neighbours on one side: two different ones stand in.
+        found = [r for r in (self._towards(index, -1), self._towards(index, +1)) if r is not None]
+        if len(found) == 1:
+            further = self._towards(index, -1 if index else +1, nearest=2)
+            found += [] if further is None else [further]
+        size = (self.clip.width, self.clip.height)
+        if not found:
+            return np.zeros(size[::-1], bool)
+        # What one frame hides and the other shows disagrees in one direction only.
+        residual = cv2.GaussianBlur(np.minimum.reduce(found), (0, 0), 1.0)
+        moving = _without_specks((residual > DISAGREEMENT_PX).astype(np.uint8))
+        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (AROUND_PX, AROUND_PX))
+        full = cv2.resize(cv2.dilate(moving, around), size, interpolation=cv2.INTER_NEAREST)
+        return np.asarray(full, bool)
+
+    def _picture(self, index: int) -> NDArray[np.uint8]:
+        if index not in self._grey:
+            for far in [i for i in self._grey if abs(i - index) > FARTHEST + 1]:
+                del self._grey[far]
+            data = np.fromfile(self.clip.folder / self.clip.frames[index].file, np.uint8)
+            grey = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+            kind = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_CUBIC
+            self._grey[index] = np.asarray(cv2.resize(grey, None, fx=self.scale, fy=self.scale, interpolation=kind))
+        return self._grey[index]
+
+    def _towards(self, index: int, direction: int, nearest: int = 1) -> Floats | None:
+        """Pixels of disagreement with the nearest frame before or after to which the background has moved enough."""
+        flow, here = None, self._picture(index)
+        for step in range(nearest, nearest + FARTHEST):
+            other = index + direction * step
+            if not 0 <= other < len(self.clip.frames):
+                break
+            there = self._picture(other)
+            flow = np.asarray(self._rough.calc(here, there, no_guess(here)), np.float32)
+            if float(np.median(np.linalg.norm(flow, axis=2))) >= LEAST_MOTION_PX:
+                break
+        return None if flow is None else self._disagreement(here, there, flow)
+
+    def _disagreement(self, here: NDArray[np.uint8], there: NDArray[np.uint8], rough: Floats) -> Floats | None:
+        """How far the motion [H, W] lies from what a static scene allows, pixels; None where that cannot be told.
+
+        Motion is measured once more after the background's homography is taken out: what is left is small but for
+        parallax and movers, so that small movers are not smoothed away.
+        """
+        height, width = here.shape
+        columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+        start = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+        sample = np.linspace(0, len(start) - 1, SAMPLES).astype(int)
+        cv2.setRNGSeed(0)
+        end = start + rough.reshape(-1, 2)
+        homography, _ = cv2.findHomography(start[sample], end[sample], cv2.USAC_MAGSAC, INLIER_PX, maxIters=5000)
+        if homography is None:
+            return None
+        still = cv2.warpPerspective(there, homography, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        left = np.asarray(self._fine.calc(here, np.asarray(still), no_guess(here)))
+        end = cv2.perspectiveTransform((start + left.reshape(-1, 2))[None], homography)[0]
+        away = np.linalg.norm(left, axis=2)
+        F, _ = cv2.findFundamentalMat(start[sample], end[sample], cv2.USAC_MAGSAC, INLIER_PX, 0.999, 5000)
+        if F is not None and F.shape == (3, 3):
+            away = np.minimum(away, sampson(F, start, end).reshape(height, width))
+        seen = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
+        return np.where(seen.reshape(height, width), away, 0.0).astype(np.float32)
+
+
+def no_guess(picture: NDArray[np.uint8]) -> Floats:
+    return np.zeros((*picture.shape, 2), np.float32)
+
+
+def sampson(F: NDArray[np.float64], start: Floats, end: Floats) -> NDArray[np.float64]:
+    """Distance [N] in pixels of pairs [N, 2] from epipolar geometry, to first order (Hartley and Zisserman, 11.9)."""
+    x0 = np.concatenate([start, np.ones((len(start), 1))], axis=1).astype(np.float64)
+    x1 = np.concatenate([end, np.ones((len(end), 1))], axis=1).astype(np.float64)
+    lines0, lines1 = x0 @ F.T, x1 @ F
+    algebraic = (x1 * lines0).sum(axis=1)
+    gradient = (lines0[:, :2] ** 2).sum(axis=1) + (lines1[:, :2] ** 2).sum(axis=1)
+    distance: NDArray[np.float64] = np.abs(algebraic) / np.sqrt(np.maximum(gradient, 1e-12))
+    return distance
+
+
+def _without_specks(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    count, labels, statistics, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    keep = statistics[:, cv2.CC_STAT_AREA] >= max(SMALLEST * mask.size, 9)
+    keep[0] = False
+    return np.asarray(keep[labels] if count > 1 else mask * 0, np.uint8)

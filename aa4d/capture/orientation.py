@@ -1,0 +1,201 @@
+"""From the reconstruction's own frame, which is arbitrary, to the world: z up, metres where anything says so.
+
+With satellite positions, the similarity that takes the camera centres to east, north and up (Umeyama 1991), made robust
+by re-weighting. Where those positions lie on a line, or there are none, the ground says where up is: the plane that
+most points lie on, its normal towards the cameras.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aa4d.capture.clip import Position
+from aa4d.capture.gnss import east_north_up
+
+Floats = NDArray[np.float64]
+NOISE_M = 3.0  # of a satellite position
+LEAST_SPAN_M = 15.0  # of a flight whose positions can give a scale
+GROUND_SHARE = 0.01  # of the viewing distance: thickness of the ground
+TRIALS = 500
+REWEIGHTINGS = 20
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x' = scale * rotation @ x + translation."""
+
+    scale: float
+    rotation: Floats  # [3, 3]
+    translation: Floats  # [3]
+
+    def of_points(self, points: Floats) -> Floats:
+        moved: Floats = self.scale * points @ self.rotation.T + self.translation
+        return moved
+
+    def then(self, other: Similarity) -> Similarity:
+        return Similarity(
+            other.scale * self.scale,
+            other.rotation @ self.rotation,
+            other.scale * other.rotation @ self.translation + other.translation,
+        )
+
+
+@dataclass(frozen=True)
+class World:
+    to_world: Similarity
+    unit: str  # "metres" or "unit"
+    scale_from: str  # how the scale was found, in words
+    up_from: str
+    origin: Position | None  # of the world's origin
+    gnss_error_m: float | None  # median distance of cameras from their satellite positions
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "unit": self.unit,
+            "scale_from": self.scale_from,
+            "up_from": self.up_from,
+            "origin": None if self.origin is None else vars(self.origin),
+            "gnss_error_m": self.gnss_error_m,
+        }
+
+
+def find_world(
+    viewmats: Floats,
+    points: Floats,
+    positions: list[Position | None],
+    altitude_m: float | None,
+    seed: int,
+) -> World:
+    """
+    Args:
+        viewmats: [N, 4, 4], of the frames in presentation order.
+        points: [P, 3].
+        positions: of the N frames; None where unknown.
+        altitude_m: the median distance from cameras to what they see, if no satellite says it.
+    """
+    centres = centres_of(viewmats)
+    distance = viewing_distance(viewmats, points)
+    level = level_ground(viewmats, points, distance, seed)
+    known = [i for i, p in enumerate(positions) if p is not None]
+    if len(known) >= 3:
+        first = positions[known[0]]
+        assert first is not None
+        enu = east_north_up([p for p in positions if p is not None], first)
+        spans = np.linalg.svd(enu - enu.mean(axis=0), compute_uv=False) / np.sqrt(len(enu)) * 3
+        if spans[0] >= LEAST_SPAN_M:
+            return _by_satellite(centres[known], enu, spans, level, points, first)
+    scale = (1.0 if altitude_m is None else altitude_m) / distance
+    placed = level.then(Similarity(scale, np.eye(3), np.zeros(3)))
+    return World(
+        placed,
+        "unit" if altitude_m is None else "metres",
+        "nothing: 1 unit is the median distance from the cameras to what they see"
+        if altitude_m is None
+        else f"--altitude: the median distance from the cameras to what they see is {altitude_m:g} m",
+        "the ground: the plane that most points lie on",
+        None,
+        None,
+    )
+
+
+def centres_of(viewmats: Floats) -> Floats:
+    """Camera centres [N, 3]."""
+    centres: Floats = -np.einsum("nji,nj->ni", viewmats[:, :3, :3], viewmats[:, :3, 3])
+    return centres
+
+
+def viewing_distance(viewmats: Floats, points: Floats) -> float:
+    """Median depth of the points before the cameras."""
+    depth = np.einsum("nj,pj->np", viewmats[:, 2, :3], points) + viewmats[:, 2, 3][:, None]
+    return float(np.median(depth[depth > 0]))
+
+
+def level_ground(viewmats: Floats, points: Floats, distance: float, seed: int) -> Similarity:
+    """Rigid: the ground at z = 0 and level, the origin below the middle of the flight, x to the first image's right."""
+    centres = centres_of(viewmats)
+    normal, offset = _ground_plane(points, GROUND_SHARE * distance, np.random.default_rng(seed))
+    if (centres @ normal).mean() < offset:
+        normal, offset = -normal, -offset
+    right = viewmats[0, 0, :3] - (viewmats[0, 0, :3] @ normal) * normal
+    if np.linalg.norm(right) < 1e-6:
+        right = np.linalg.svd(normal[None])[2][1]
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(normal, right), normal])
+    below = np.median(centres, axis=0)
+    below = below - (below @ normal - offset) * normal
+    return Similarity(1.0, rotation, -rotation @ below)
+
+
+def _ground_plane(points: Floats, thickness: float, generator: np.random.Generator) -> tuple[Floats, float]:
+    """Unit normal and offset of the plane that most points lie on (RANSAC, then least squares over its points)."""
+    best = np.zeros(len(points), bool)
+    for _ in range(TRIALS):
+        a, b, c = points[generator.choice(len(points), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal)
+        if length == 0:
+            continue
+        near = np.abs((points - a) @ (normal / length)) < thickness
+        if near.sum() > best.sum():
+            best = near
+    ground = points[best] if best.sum() >= 3 else points
+    middle = ground.mean(axis=0)
+    # The direction in which the ground varies least.
+    normal = np.linalg.svd(ground - middle, full_matrices=False)[2][2]
+    return normal, float(normal @ middle)
+
+
+def _by_satellite(
+    centres: Floats, enu: Floats, spans: Floats, level: Similarity, points: Floats, first: Position
+) -> World:
+    if spans[1] > max(2 * NOISE_M, 0.05 * spans[0]):
+        similarity, up = robust_similarity(centres, enu), "satellite positions"
+    else:
+        # On a line, a roll about it is unseen: the ground gives up, the positions heading, scale and place.
+        similarity = level.then(_about_vertical(level.of_points(centres), enu))
+        up = "the ground: the flight is too straight for satellite positions to say it"
+    errors = np.linalg.norm(similarity.of_points(centres) - enu, axis=1)
+    # Ground level at z = 0, whatever level the altitudes count from.
+    ground = float(np.percentile(similarity.of_points(points)[:, 2], 20))
+    lowered = similarity.then(Similarity(1.0, np.eye(3), np.array([0.0, 0.0, -ground])))
+    origin = Position(first.latitude_deg, first.longitude_deg, first.altitude_m + ground)
+    return World(lowered, "metres", "satellite positions", up, origin, float(np.median(errors)))
+
+
+def robust_similarity(source: Floats, target: Floats) -> Similarity:
+    """Least absolute distances by re-weighted least squares, so that a few wild positions do not count."""
+    weights = np.ones(len(source))
+    similarity = umeyama(source, target, weights)
+    for _ in range(REWEIGHTINGS):
+        distance = np.linalg.norm(similarity.of_points(source) - target, axis=1)
+        weights = 1 / np.maximum(distance, 0.05 * NOISE_M)
+        similarity = umeyama(source, target, weights)
+    return similarity
+
+
+def umeyama(source: Floats, target: Floats, weights: Floats | None = None) -> Similarity:
+    """The similarity that takes points [N, 3] to points with the least weighted sum of squares (Umeyama 1991)."""
+    w = np.ones(len(source)) if weights is None else weights
+    w = w / w.sum()
+    middle_source, middle_target = w @ source, w @ target
+    a, b = source - middle_source, target - middle_target
+    U, S, Vt = np.linalg.svd((w[:, None] * b).T @ a)
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt)) or 1.0])
+    rotation = U @ np.diag(sign) @ Vt
+    scale = float((S * sign).sum() / (w @ (a**2).sum(axis=1)))
+    return Similarity(scale, rotation, middle_target - scale * rotation @ middle_source)
+
+
+def _about_vertical(source: Floats, target: Floats) -> Similarity:
+    """The best similarity that leaves up where it is."""
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    # As complex numbers, the plane's similarities are multiplications.
+    plane_a, plane_b = a[:, 0] + 1j * a[:, 1], b[:, 0] + 1j * b[:, 1]
+    factor = (plane_a.conj() @ plane_b) / (plane_a.conj() @ plane_a).real
+    scale, angle = float(abs(factor)), float(np.angle(factor))
+    rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    return Similarity(scale, rotation, target.mean(axis=0) - scale * rotation @ source.mean(axis=0))

@@ -1,0 +1,123 @@
+"""The capture's report: one HTML file that holds its pictures and its data."""
+
+from __future__ import annotations
+
+import base64
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from numpy.typing import NDArray
+from PIL import Image
+
+from aa4d.capture.clip import Clip
+from aa4d.capture.reader import PinholeCamera
+from aa4d.capture.writing import Cloud, Shot
+from aa4d.files import write_text
+
+if TYPE_CHECKING:
+    from aa4d.capture.make import Made
+
+SHOWN_POINTS = 20_000
+PICTURED_FRAMES = 4
+PICTURE_PX = 480
+
+
+def write_report(
+    made: Made,
+    clip: Clip,
+    cameras: dict[str, Any],
+    geometry: dict[str, Any],
+    checked: dict[str, Any],
+    shots: list[Shot],
+    cloud: Cloud,
+    pinhole: PinholeCamera,
+) -> None:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
+    )
+    centres = np.array([-s.viewmat[:3, :3].T @ s.viewmat[:3, 3] for s in shots])
+    right, down, ahead = (np.array([s.viewmat[axis, :3] for s in shots]) for axis in range(3))
+    html = environment.get_template("report.html.jinja").render(
+        made=made,
+        clip=clip,
+        cameras=cameras,
+        geometry=geometry,
+        checked=checked,
+        pinhole=pinhole,
+        total=sum(made.seconds.values()),
+        share=made.frames / made.used,
+        frame_errors=_svg_bars([checked["frame_px"].get(s.name, 0.0) for s in shots]),
+        histogram=_svg_bars(checked["histogram"]),
+        pictures=[_picture(made.folder, shots[i]) for i in spread(len(shots))],
+        view=_view(cloud, centres, right, down, ahead, pinhole),
+    )
+    write_text(made.report, html)
+
+
+def spread(count: int) -> list[int]:
+    return sorted(set(np.linspace(0, count - 1, PICTURED_FRAMES).round().astype(int).tolist()))
+
+
+def _view(
+    cloud: Cloud,
+    centres: NDArray[np.float64],
+    right: NDArray[np.float64],
+    down: NDArray[np.float64],
+    ahead: NDArray[np.float64],
+    pinhole: PinholeCamera,
+) -> dict[str, Any]:
+    """What the page's 3D view draws, centred and at unit size: points, colours, camera frusta."""
+    chosen = np.random.default_rng(0).permutation(len(cloud.positions))[:SHOWN_POINTS]
+    points, colors = cloud.positions[chosen], cloud.colors[chosen]
+    middle = np.median(points, axis=0)
+    # Nine tenths of the points and all cameras fill the view.
+    reach = max(
+        float(np.percentile(np.linalg.norm(points - middle, axis=1), 90)),
+        float(np.linalg.norm(centres - middle, axis=1).max()),
+    )
+    depth = 0.06 * reach
+    half_width = 0.5 * pinhole.width / pinhole.K[0, 0] * depth
+    half_height = 0.5 * pinhole.height / pinhole.K[1, 1] * depth
+    corners = [
+        centres + depth * ahead + x * half_width * right + y * half_height * down
+        for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    frusta = np.stack([centres, *corners], axis=1)
+    return {
+        "points": _base64(((points - middle) / reach).astype("<f4")),
+        "colors": _base64(colors),
+        "frusta": _base64(((frusta - middle) / reach).astype("<f4")),
+    }
+
+
+def _base64(values: NDArray[Any]) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+
+
+def _svg_bars(values: list[float]) -> str:
+    """Bars as SVG, the highest filling the height."""
+    top = max([*values, 1e-9])
+    bars = "".join(
+        f'<rect x="{i}" y="{1 - v / top:.4f}" width=".8" height="{v / top:.4f}"><title>{v:.3g}</title></rect>'
+        for i, v in enumerate(values)
+    )
+    return f'<svg viewBox="0 0 {len(values)} 1" preserveAspectRatio="none">{bars}</svg>'
+
+
+def _picture(folder: Path, shot: Shot) -> dict[str, str]:
+    """A frame of the capture; what was masked as moving is tinted."""
+    with Image.open(folder / "frames" / f"{shot.name}.png") as opened:
+        image = opened.convert("RGB")
+    mask_path = folder / "movers" / f"{shot.name}.png"
+    if mask_path.is_file():
+        with Image.open(mask_path) as mask:
+            tint = Image.new("RGB", image.size, (255, 60, 0))
+            image = Image.composite(Image.blend(image, tint, 0.5), image, mask.convert("L"))
+    image.thumbnail((PICTURE_PX, PICTURE_PX))
+    buffer = io.BytesIO()
+    image.save(buffer, format="JPEG", quality=85)
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    return {"source": f"data:image/jpeg;base64,{data}", "label": shot.label}

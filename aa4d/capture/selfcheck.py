@@ -1,0 +1,91 @@
+"""Does the finished capture agree with itself? Read back as training reads it, and compared with the reconstruction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aa4d.capture.reader import Capture, read_capture, read_image
+from aa4d.errors import InputError
+
+LARGEST_ERROR_PX = 3.0  # median reprojection error in the capture's own frames
+LARGEST_COLOR = 60.0  # median difference of a point's colour from the pixel it falls on, of 255
+COMPARED_FRAMES = 5
+
+Floats = NDArray[np.float64]
+
+
+def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]]) -> dict[str, Any]:
+    """
+    Args:
+        observations: for each frame's name, points [M, 3] in world coordinates and where the frame shows them [M, 2],
+            pixels of the capture's pinhole camera.
+
+    Raises:
+        InputError: poses, camera, frames and points do not belong together.
+    """
+    capture = read_capture(folder)
+    errors = {
+        frame.name: reprojection_errors_px(capture, frame.viewmat, *observations[frame.name])
+        for frame in capture.frames
+        if frame.name in observations and len(observations[frame.name][0])
+    }
+    if not errors:
+        raise InputError(f"{folder}: no frame shows any point; delete its work folder and run again")
+    every = np.concatenate(list(errors.values()))
+    color = _color_difference(capture)
+    if float(np.median(every)) > LARGEST_ERROR_PX or color > LARGEST_COLOR:
+        raise InputError(
+            f"{folder}: the self-check failed (reprojection error {np.median(every):.1f} px, colours {color:.0f} of "
+            "255 apart): the cameras do not belong to these frames; reconstruct them with --preset accurate"
+        )
+    return {
+        "reprojection_px": {
+            "median": float(np.median(every)),
+            "mean": float(every.mean()),
+            "p90": float(np.percentile(every, 90)),
+        },
+        "frame_px": {name: float(np.median(e)) for name, e in errors.items()},
+        "histogram": np.histogram(every, bins=20, range=(0, 4))[0].tolist(),
+        "color_difference": color,
+        "steps_m": _steps(capture),
+    }
+
+
+def reprojection_errors_px(capture: Capture, viewmat: Floats, points: Floats, pixels: Floats) -> Floats:
+    """[M] distances; infinite for a point behind the camera."""
+    in_camera = points @ viewmat[:3, :3].T + viewmat[:3, 3]
+    depth = in_camera[:, 2]
+    safe = np.where(depth > 0, depth, 1.0)
+    projected = (in_camera / safe[:, None]) @ capture.camera.K.T
+    return np.where(depth > 0, np.linalg.norm(projected[:, :2] - pixels, axis=1), np.inf)
+
+
+def _color_difference(capture: Capture) -> float:
+    """Median difference between points' colours and the pixels they fall on, over some frames.
+
+    Points hidden behind others are among them: it is a median.
+    """
+    K, width, height = capture.camera.K, capture.camera.width, capture.camera.height
+    found = []
+    for index in np.linspace(0, len(capture.frames) - 1, COMPARED_FRAMES).astype(int):
+        frame = capture.frames[index]
+        pixels = read_image(capture, frame)
+        in_camera = capture.points @ frame.viewmat[:3, :3].T + frame.viewmat[:3, 3]
+        ahead = in_camera[:, 2] > 0
+        at = (in_camera[ahead] / in_camera[ahead, 2:]) @ K.T
+        column, row = np.floor(at[:, 0]), np.floor(at[:, 1])
+        inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+        seen = pixels[row[inside].astype(int), column[inside].astype(int)].astype(np.float64)
+        found.append(np.abs(seen - capture.point_colors[ahead][inside]).mean(axis=1))
+    values = np.concatenate(found)
+    return float(np.median(values)) if len(values) else 255.0
+
+
+def _steps(capture: Capture) -> list[float]:
+    """Distances between successive cameras: a jump is a frame in the wrong place."""
+    centres = np.array([-f.viewmat[:3, :3].T @ f.viewmat[:3, 3] for f in capture.frames])
+    return [float(d) for d in np.linalg.norm(np.diff(centres, axis=0), axis=1)]

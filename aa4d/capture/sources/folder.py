@@ -1,0 +1,71 @@
+"""A folder of frames, or of photographs."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+
+from aa4d.capture.annotations import read_annotations
+from aa4d.capture.clip import Picture
+from aa4d.capture.gnss import position_of_photograph
+from aa4d.capture.pictures import EXTENSIONS, is_plain, read_picture
+from aa4d.capture.settings import Selection
+from aa4d.capture.sources import Source
+from aa4d.errors import InputError
+
+
+def recognises(path: Path) -> bool:
+    return path.is_dir()
+
+
+def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:
+    """Frames in the order of their numbers, or of their names where one has none.
+
+    The number gives the time too, so that a gap in the numbers is a gap in time.
+    """
+    found = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+    files = [p for p in found if p.suffix.lower() in EXTENSIONS]
+    notes = []
+    others = [p.name for p in found if p.suffix.lower() not in EXTENSIONS]
+    if others:
+        from aa4d.capture.selection import some
+
+        notes.append(f"{some(others)} left out: no picture")
+    if not files:
+        raise InputError(f"{path}: holds no picture ({', '.join(EXTENSIONS)}); give the folder that holds the frames")
+    files, numbers = in_order(files)
+    times = [i / selection.source_fps for i in range(len(files))]
+    if numbers is not None:
+        times = [(n - numbers[0]) / selection.source_fps for n in numbers]
+    elif len(files) > 1:
+        notes.append("file names without numbers: their alphabetical order is taken for that of time")
+    pictures = [
+        picture_of(file, time_s, None if numbers is None else numbers[i])
+        for i, (file, time_s) in enumerate(zip(files, times, strict=True))
+    ]
+    read = None if annotations is None else read_annotations(annotations, numbers)
+    return Source("frames", pictures, times[-1], tuple(files), notes, annotations=read)
+
+
+def picture_of(file: Path, time_s: float, number: int | None) -> Picture:
+    return Picture(
+        label=file.name,
+        time_s=time_s,
+        number=number,
+        load=partial(read_picture, file),
+        original=file if is_plain(file) else None,
+        position=position_of_photograph(file),
+    )
+
+
+def in_order(files: list[Path]) -> tuple[list[Path], list[int] | None]:
+    """Files by the last number in their names, and those numbers; None where a name has none or one occurs twice."""
+    found = [re.findall(r"\d+", file.stem) for file in files]
+    if not all(found):
+        return sorted(files, key=lambda p: p.name), None
+    numbers = [int(digits[-1]) for digits in found]
+    if len(set(numbers)) < len(numbers):
+        return sorted(files, key=lambda p: p.name), None
+    order = sorted(range(len(files)), key=numbers.__getitem__)
+    return [files[i] for i in order], [numbers[i] for i in order]

@@ -1,0 +1,100 @@
+"""A video file, decoded by FFmpeg's libraries (PyAV)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aa4d.capture.clip import Picture
+from aa4d.capture.gnss import Track, read_subtitles
+from aa4d.capture.settings import Selection
+from aa4d.capture.sources import Source
+from aa4d.errors import InputError
+
+EXTENSIONS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
+
+EARLY_STEPS = 3  # frames by which the last may lie before the end that the container states
+
+
+def recognises(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() in EXTENSIONS
+
+
+def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:
+    """Frames with their presentation times; a DJI drone's subtitles of the same name give positions."""
+    if annotations is not None:
+        raise InputError(f"{annotations}: boxes go by frame number, and a video has none; extract its frames first")
+    duration = _duration(path)
+    notes: list[str] = []
+    subtitles = next((p for p in (path.with_suffix(".SRT"), path.with_suffix(".srt")) if p.is_file()), None)
+    track = None if subtitles is None else read_subtitles(subtitles)
+    files = (path,) if subtitles is None else (path, subtitles)
+    return Source("video", _frames(path, selection, track, duration, notes), duration, files, notes)
+
+
+def _duration(path: Path) -> float | None:
+    """Seconds by the container's word, where it has one. Raises InputError for what is no video."""
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.video:
+                raise InputError(f"{path}: holds no video stream; give the video itself")
+            stream = container.streams.video[0]
+            if stream.duration is not None and stream.time_base is not None:
+                return float(stream.duration * stream.time_base)
+            return None if container.duration is None else container.duration / av.time_base
+    except (av.FFmpegError, OSError) as error:
+        raise InputError(
+            f"{path}: cannot be opened as a video ({error}); an MP4 whose recording broke off has lost its index and "
+            "needs repair (untrunc), any other should be copied again"
+        ) from None
+
+
+def _frames(
+    path: Path, selection: Selection, track: Track | None, duration: float | None, notes: list[str]
+) -> Iterator[Picture]:
+    """Decode in presentation order; where the data end early, what was decoded is used and a note says so."""
+    import av
+
+    first: float | None = None
+    last = 0.0
+    steps: list[float] = []
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            if selection.start_s > 0 and stream.time_base is not None:
+                # To the key frame before; the frames until then are decoded and dropped.
+                first = float((stream.start_time or 0) * stream.time_base)
+                container.seek(int((selection.start_s + first) / stream.time_base), stream=stream)
+            for frame in container.decode(stream):
+                if frame.pts is None or frame.is_corrupt:
+                    continue
+                seconds = float(frame.pts * (frame.time_base or 0))
+                first = seconds if first is None else first
+                if steps or seconds > first:
+                    steps.append(seconds - first - last)
+                last = seconds - first
+                position = None if track is None else track.at(last)
+                yield Picture(f"{last:.3f} s", last, None, _loader(frame), position=position)
+    except av.FFmpegError:
+        pass  # what follows says so
+    step = float(np.median(steps)) if steps else 0.0
+    if duration is not None and last + EARLY_STEPS * step < duration:
+        notes.append(f"the video ends early, at {last:.2f} s of {duration:.2f} s: the frames until then are used")
+    if steps and max(steps) > 1.5 * step:
+        notes.append("variable frame rate: every frame keeps its own presentation time")
+
+
+def _loader(frame: Any) -> Callable[[], NDArray[np.uint8]]:
+    def load() -> NDArray[np.uint8]:
+        pixels: NDArray[np.uint8] = frame.to_ndarray(format="rgb24")
+        # The display matrix: degrees counter-clockwise, in steps of 90 from every camera there is.
+        return np.ascontiguousarray(np.rot90(pixels, k=round(frame.rotation / 90)))
+
+    return load

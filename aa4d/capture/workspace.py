@@ -1,0 +1,119 @@
+"""Steps that are run once: each keeps its result in a folder of its own, under a digest of all that it depends on.
+
+A step's digest covers its settings and the digest of the step before, so that a changed setting repeats that step and
+those after it, and nothing else. A step works in `NAME.part` and is renamed when it is done; one that was stopped
+finds there what it has made, if it was stopped under the same digest.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aa4d.errors import InputError
+from aa4d.files import write_json
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# What a step tells whoever watches: units done, units in all (None while unknown).
+Progress = Callable[[int, int | None], None]
+# A step makes its files in the folder and returns what later steps and the report need, as JSON.
+Run = Callable[[Path, Progress], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Done:
+    folder: Path
+    result: dict[str, Any]
+    seconds: float
+    was_cached: bool
+
+
+class Workspace:
+    """The steps' folders, in the order in which `step` is called."""
+
+    def __init__(self, folder: Path, watch: Callable[[str, bool], Progress]) -> None:
+        """
+        Args:
+            watch: called with a step's name and whether it was done before; returns the step's progress.
+        """
+        self.folder = folder
+        self.seconds: dict[str, float] = {}
+        self._watch = watch
+        self._digest = ""
+        self._valid = True  # until a step is repeated: whatever stands after it is stale
+
+    def step(self, name: str, settings: Any, run: Run) -> Done:
+        """The result of a step, made now or before.
+
+        Raises:
+            InputError: the disk is full; whatever `run` raises.
+        """
+        text = json.dumps([name, settings, self._digest], sort_keys=True, default=str)
+        self._digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+        folder, part = self.folder / name, self.folder / f"{name}.part"
+        record = self._record(folder) if self._valid else None
+        if record is not None:
+            self._watch(name, True)
+            self.seconds[name] = record["seconds"]
+            return Done(folder, record["result"], record["seconds"], True)
+        self._valid = False
+        progress = self._watch(name, False)
+        shutil.rmtree(folder, ignore_errors=True)
+        stopped = self._prepare(part)
+        started = time.perf_counter()
+        try:
+            result = run(part, progress)
+        except OSError as error:
+            if error.errno in FULL:
+                raise InputError(
+                    f"{part}: no space is left on the disk ({error.strerror}); free some, or ask for fewer or smaller "
+                    "frames (--max-frames, --size), and run the same command again"
+                ) from None
+            raise
+        finally:
+            spent = stopped + time.perf_counter() - started
+            if part.is_dir():
+                _try_write(part / "stopped.json", {"digest": self._digest, "seconds": spent})
+        write_json(part / "done.json", {"digest": self._digest, "seconds": spent, "result": result})
+        (part / "stopped.json").unlink(missing_ok=True)
+        part.replace(folder)
+        self.seconds[name] = spent
+        return Done(folder, result, spent, False)
+
+    def _record(self, folder: Path) -> dict[str, Any] | None:
+        record = _read(folder / "done.json")
+        return record if record and record.get("digest") == self._digest else None
+
+    def _prepare(self, part: Path) -> float:
+        """Keep what a stopped run of this very step has made; returns the seconds that it took."""
+        stopped = _read(part / "stopped.json")
+        if stopped and stopped.get("digest") == self._digest:
+            return float(stopped["seconds"])
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        # Written first: a step that is killed outright is known again too.
+        _try_write(part / "stopped.json", {"digest": self._digest, "seconds": 0.0})
+        return 0.0
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    """A damaged record costs no more than the step's time."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
+def _try_write(path: Path, value: dict[str, Any]) -> None:
+    try:
+        write_json(path, value)
+    except OSError:  # the disk is full, and the step says so itself
+        path.unlink(missing_ok=True)

@@ -1,0 +1,149 @@
+"""Writing a capture folder from a reconstruction (docs/formats.md); capture.json comes last."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from plyfile import PlyData, PlyElement
+
+from aa4d import __version__
+from aa4d.capture.reader import CAPTURE_VERSION, FARTHEST_M, PinholeCamera
+from aa4d.files import whole_file, write_json, write_text
+
+HELD_OUT_EVERY = 8
+OPENCV_TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One frame of the capture."""
+
+    name: str
+    label: str  # in the source
+    time_s: float
+    viewmat: Floats  # [4, 4]
+
+
+@dataclass(frozen=True)
+class Cloud:
+    positions: Floats  # [P, 3]
+    colors: NDArray[np.uint8]  # [P, 3]
+    errors_px: Floats  # [P]
+
+
+def write_capture(
+    out: Path,
+    name: str,
+    pictures: Path,
+    camera: PinholeCamera,
+    shots: list[Shot],
+    cloud: Cloud,
+    generator: dict[str, Any],
+) -> None:
+    """Fill `out` from the undistorted `pictures` (NAME.png, and NAME.mask.png where there are masks)."""
+    (out / "capture.json").unlink(missing_ok=True)
+    for kind, suffix in (("frames", ".png"), ("movers", ".mask.png")):
+        folder = out / kind
+        shutil.rmtree(folder, ignore_errors=True)
+        for shot in shots:
+            source = pictures / f"{shot.name}{suffix}"
+            if source.is_file():
+                folder.mkdir(exist_ok=True)
+                _link(source, folder / f"{shot.name}.png")
+    near = (np.abs(cloud.positions) < FARTHEST_M).all(axis=1)
+    _write_points(out / "points.ply", cloud.positions[near], cloud.colors[near])
+    _write_transforms(out / "transforms.json", camera, shots)
+    _write_colmap(out / "sparse" / "0", camera, shots, cloud)
+    first, last = shots[0].time_s, shots[-1].time_s
+    document = {
+        "format": "aa4d-capture",
+        "version": CAPTURE_VERSION,
+        "name": name,
+        "generator": {"program": "aa4d capture", "version": __version__, **generator},
+        "fps": (len(shots) - 1) / (last - first),
+        "camera": camera.as_json(),
+        "points": "points.ply",
+        "tracks": None,
+        "frames": [
+            {
+                "name": shot.name,
+                "image": f"frames/{shot.name}.png",
+                "truth": None,
+                "time_s": shot.time_s - first,
+                "t": rank / (len(shots) - 1),
+                "split": "test" if rank % HELD_OUT_EVERY == 0 else "train",
+                "viewmat": shot.viewmat.tolist(),
+                "source": shot.label,
+            }
+            for rank, shot in enumerate(shots)
+        ],
+        "instances": [],
+    }
+    write_json(out / "capture.json", document)
+
+
+def _link(source: Path, target: Path) -> None:
+    """The same file under a second name where the disk can; a copy where it cannot."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
+def _write_points(path: Path, positions: Floats, colors: NDArray[np.uint8]) -> None:
+    types = [(n, "f4") for n in "xyz"] + [(n, "u1") for n in ("red", "green", "blue")]
+    vertex = np.empty(len(positions), dtype=types)
+    for name, values in zip(("x", "y", "z", "red", "green", "blue"), (*positions.T, *colors.T), strict=True):
+        vertex[name] = values
+    with whole_file(path) as temporary:
+        PlyData([PlyElement.describe(vertex, "vertex")]).write(str(temporary))
+
+
+def _write_transforms(path: Path, camera: PinholeCamera, shots: list[Shot]) -> None:
+    K = camera.K
+    document = {
+        "camera_model": "PINHOLE",
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": K[0, 0],
+        "fl_y": K[1, 1],
+        "cx": K[0, 2],
+        "cy": K[1, 2],
+        "frames": [
+            {
+                "file_path": f"frames/{shot.name}.png",
+                "transform_matrix": (np.linalg.inv(shot.viewmat) @ OPENCV_TO_OPENGL).tolist(),
+            }
+            for shot in shots
+        ],
+    }
+    write_json(path, document)
+
+
+def _write_colmap(folder: Path, camera: PinholeCamera, shots: list[Shot], cloud: Cloud) -> None:
+    from scipy.spatial.transform import Rotation
+
+    folder.mkdir(parents=True, exist_ok=True)
+    K = camera.K
+    write_text(
+        folder / "cameras.txt",
+        f"1 PINHOLE {camera.width} {camera.height} {K[0, 0]!r} {K[1, 1]!r} {K[0, 2]!r} {K[1, 2]!r}\n",
+    )
+    lines = []
+    for number, shot in enumerate(shots, 1):
+        x, y, z, w = Rotation.from_matrix(shot.viewmat[:3, :3]).as_quat()
+        pose = " ".join(repr(float(v)) for v in (w, x, y, z, *shot.viewmat[:3, 3]))
+        lines.append(f"{number} {pose} 1 {shot.name}.png\n\n")
+    write_text(folder / "images.txt", "".join(lines))
+    rows = zip(cloud.positions, cloud.colors, cloud.errors_px, strict=True)
+    points = (
+        f"{i} {p[0]:.9g} {p[1]:.9g} {p[2]:.9g} {c[0]} {c[1]} {c[2]} {e:.4g}\n" for i, (p, c, e) in enumerate(rows, 1)
+    )
+    write_text(folder / "points3D.txt", "".join(points))

@@ -1,0 +1,161 @@
+"""`aa4d capture`."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import TimeRemainingColumn as Left
+from tyro.conf import Positional, arg
+
+from aa4d.console import SECONDS_BETWEEN_LINES, console
+from aa4d.errors import InputError
+
+if TYPE_CHECKING:
+    from aa4d.capture.make import Made
+
+
+def capture(
+    input: Annotated[  # noqa: A002, it names the argument on the command line
+        Positional[Path],
+        arg(help="A video, a folder of frames, a VisDrone or UAVDT sequence, or a COLMAP or nerfstudio folder."),
+    ],
+    out: Annotated[Path, arg(help="Folder for the capture: new, empty, or this capture where it stopped.")],
+    preset: Annotated[
+        Literal["fast", "accurate"],
+        arg(help="accurate: more features, pairs and adjustment, for footage that fast does not register."),
+    ] = "fast",
+    rate: Annotated[
+        float | None, arg(help="Frames a second to use; by default as many as --max-frames allows.")
+    ] = None,
+    start: Annotated[float, arg(help="Second of the input to begin at.")] = 0.0,
+    end: Annotated[float | None, arg(help="Second of the input to end at.")] = None,
+    max_frames: Annotated[int, arg(help="Frames to use at most, evenly over the range.")] = 150,
+    fps: Annotated[
+        float, arg(help="Frames a second that a folder of frames was filmed with; a video says its own.")
+    ] = 30,
+    longest_px: Annotated[int, arg(help="Longest side of the frames that are reconstructed from.")] = 1600,
+    size: Annotated[
+        int, arg(help="Longest side of the capture's frames, in pixels: what training costs grows with it.")
+    ] = 1280,
+    movers: Annotated[
+        Literal["auto", "off"],
+        arg(help="auto: leave out what moves, by annotated boxes, else by its motion. off: use every feature."),
+    ] = "auto",
+    annotations: Annotated[
+        Path | None, arg(help="Boxes of VisDrone or UAVDT, where they do not lie where the data set puts them.")
+    ] = None,
+    fov: Annotated[
+        float | None,
+        arg(help="Horizontal field of view in degrees, if known: hard to find over flat ground."),
+    ] = None,
+    altitude: Annotated[
+        float | None, arg(help="Metres from the camera to what it sees, which gives the scale where no GNSS does.")
+    ] = None,
+    seed: Annotated[int, arg(help="Of everything random.")] = 0,
+    threads: Annotated[int | None, arg(help="Threads; by default one for each core.")] = None,
+) -> None:
+    """Make a capture from a drone video or its frames: cameras, points, masks of movers. Continues where it stopped."""
+    from aa4d.capture.make import make_capture
+    from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
+
+    for name, value, least in (
+        ("--rate", rate, 1e-3),
+        ("--max-frames", max_frames, 3),
+        ("--fps", fps, 1e-3),
+        ("--longest-px", longest_px, 64),
+        ("--size", size, 64),
+        ("--altitude", altitude, 1e-3),
+        ("--fov", fov, 1),
+        ("--start", start, 0),
+        ("--seed", seed, 0),
+        ("--threads", threads, 1),
+    ):
+        if value is not None and not least <= value < 1e9:
+            raise InputError(f"{name} {value:g}: must be at least {least:g}")
+    if fov is not None and fov > 150:
+        raise InputError(f"--fov {fov:g}: must be at most 150")
+    if end is not None and not end > start:
+        raise InputError(f"--end {end:g}: must lie after --start {start:g}")
+    selection = Selection(
+        rate=rate, start_s=start, end_s=end, max_frames=max_frames, source_fps=fps, longest_px=longest_px
+    )
+    settings = replace(
+        CaptureSettings(preset, PRESETS[preset]),
+        selection=selection,
+        movers=movers,
+        size_px=size,
+        fov_deg=fov,
+        altitude_m=altitude,
+        seed=seed,
+        threads=threads or os.cpu_count() or 1,
+    )
+    with capture_progress() as display:
+        made = make_capture(input, out, settings, annotations, display.step)
+    tell(made)
+
+
+def tell(made: Made) -> None:
+    """What was made, what was left out, and what would help."""
+    unit = "metres" if made.world["unit"] == "metres" else "not metres"
+    console.print(
+        f"{made.frames} of {made.used} frames have a pose, {made.points} points, reprojection error "
+        f"{made.reprojection_px:.2f} px, field of view {made.fov_deg:.0f} degrees, {sum(made.seconds.values()):.0f} s\n"
+        f"scale: {unit}; from {made.world['scale_from']}\nup: {made.world['up_from']}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    for note in made.notes:
+        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+    for line in made.advice:
+        console.print(f"advice: {line}", markup=False, highlight=False, soft_wrap=True)
+    console.print(
+        f"capture: {made.folder}\nreport:  {made.report}\nnext:    aa4d train {made.folder} --out RUN",
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+@contextmanager
+def capture_progress() -> Iterator[CaptureDisplay]:
+    columns = (TextColumn("{task.description:>9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), Left())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        yield CaptureDisplay(bar)
+
+
+class CaptureDisplay:
+    """One line a step; lines now and then where the output is a file."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._spoken = time.monotonic()
+
+    def step(self, name: str, was_done: bool) -> StepLine:
+        task = self._bar.add_task(name, total=1 if was_done else None, completed=1 if was_done else 0)
+        if was_done and not console.is_terminal:
+            console.print(f"{name}: done before", highlight=False)
+        return StepLine(self, name, task)
+
+    def update(self, name: str, task: TaskID, done: int, total: int | None) -> None:
+        self._bar.update(task, completed=done, total=total)
+        now = time.monotonic()
+        finished = total is not None and done >= total and not self._bar.tasks[task].fields.get("told")
+        if not console.is_terminal and (finished or now - self._spoken >= SECONDS_BETWEEN_LINES):
+            self._spoken = now
+            self._bar.update(task, told=finished)
+            console.print(f"{name} {done}/{'?' if total is None else total}", highlight=False)
+
+
+class StepLine:
+    def __init__(self, display: CaptureDisplay, name: str, task: TaskID) -> None:
+        self._display, self._name, self._task = display, name, task
+
+    def __call__(self, done: int, total: int | None) -> None:
+        self._display.update(self._name, self._task, done, total)

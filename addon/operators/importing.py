@@ -1,0 +1,116 @@
+"""Import, from the menu, by drag and drop, or from a script."""
+
+import bpy
+from bpy.app.translations import pgettext_rpt as translated
+from bpy_extras.io_utils import ImportHelper
+
+from .. import bake, importer, look_nodes, materials, names, properties
+from ..container import ModelFileError
+from .baking import bake_now
+
+LOOK_ITEMS = (
+    ("AUTOMATIC", "Automatic", "Points for anchors, Gaussians for Gaussians"),
+    *((look, look, description) for look, description in look_nodes.LOOKS.items()),
+)
+
+
+class ImportModel(bpy.types.Operator, ImportHelper):
+    """Import a trained scene as points that follow the timeline, with the drone's camera"""
+
+    bl_idname = "aa4d.import_model"
+    bl_label = "Import AdaAnchor4D"
+    bl_options = {"REGISTER", "UNDO", "PRESET"}  # noqa: RUF012 - Blender's protocol
+
+    filename_ext = ".safetensors"
+    filter_glob: bpy.props.StringProperty(default="*.safetensors", options={"HIDDEN"})  # type: ignore[valid-type]
+    carrier: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Carrier", description="What the points stand for", items=properties.CARRIER_ITEMS
+    )
+    look: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Look", description="How the points are drawn; the modifier changes it at any time", items=LOOK_ITEMS
+    )
+    view: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Seen From",
+        description="The place that view-dependent colours are evaluated for",
+        items=properties.VIEW_ITEMS,
+    )
+    import_camera: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Drone Camera", description="Import the capture's camera, animated, with its exact lens", default=True
+    )
+    background_frames: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Footage Behind",
+        description="Show the capture's frames behind the drone camera, where they still lie beside the model",
+        default=True,
+    )
+    set_timeline: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Set Timeline",
+        description="Set the scene's frame range, frame rate and resolution to the clip's",
+        default=True,
+    )
+    set_up_scene: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Set Up Scene",
+        description="Also set what shows the trained colours: camera, Cycles, Standard view transform, background",
+        default=False,
+    )
+    bake: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Bake", description="Bake the clip at once: plays back without the model file and this add-on"
+    )
+    largest: bpy.props.IntProperty(  # type: ignore[valid-type]
+        name="Most Points",
+        description="Refuse more points than this: a million Gaussians take about a gigabyte",
+        default=2_000_000,
+        min=1,
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Objects are made and selected, which edit modes do not allow."""
+        return context.mode == "OBJECT"
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """A dropped file asks for the options alone, the menu for the file too."""
+        return self.invoke_popup(context) if self.filepath else ImportHelper.invoke(self, context, event)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Import, select what was made, and say what it is."""
+        look = self.look
+        if look == "AUTOMATIC":
+            look = materials.POINTS if self.carrier == names.ANCHORS else materials.GAUSSIANS
+        options = importer.ImportOptions(
+            self.carrier,
+            look,
+            self.view,
+            self.import_camera,
+            self.background_frames,
+            self.set_timeline,
+            self.set_up_scene,
+            self.largest,
+        )
+        try:
+            imported = importer.import_model(self.filepath, context.scene, context.collection, options)
+            if self.bake:
+                bake_now(context, imported.points, bake.BakeOptions())
+        except ModelFileError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for obj in context.selected_objects:
+            obj.select_set(False)
+        imported.points.select_set(True)
+        context.view_layer.objects.active = imported.points
+        message = translated("Imported {:,} points over {} frames; Material Preview shows their colours")
+        self.report({"INFO"}, message.format(len(imported.points.data.vertices), imported.model.frame_count))
+        return {"FINISHED"}
+
+
+class ModelFileHandler(bpy.types.FileHandler):
+    """Drag and drop of a model file onto the 3D view or the outliner."""
+
+    bl_idname = "AA4D_FH_model"
+    bl_label = "AdaAnchor4D"
+    bl_import_operator = ImportModel.bl_idname
+    bl_file_extensions = ".safetensors"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Where objects are dropped."""
+        return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}

@@ -1,0 +1,26 @@
+"""What view-dependent colours are seen from."""
+
+import bpy
+
+from .. import properties
+from .on_imported import REGISTER_UNDO, OnOwnObject
+
+
+class FreezeView(OnOwnObject, bpy.types.Operator):
+    """Keep the view-dependent colours as the active camera sees them now"""
+
+    bl_idname = "aa4d.freeze_view"
+    bl_label = "Freeze View"
+    bl_options = REGISTER_UNDO
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There must be a camera."""
+        return super().poll(context) and context.scene.camera is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Freeze the active object's view."""
+        obj = context.active_object
+        place = obj.matrix_world.inverted_safe() @ context.scene.camera.matrix_world.translation
+        obj.aa4d.frozen_view, obj.aa4d.view = place, properties.FROZEN
+        return {"FINISHED"}

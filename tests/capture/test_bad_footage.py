@@ -1,0 +1,304 @@
+"""Footage as people have it: each ends in a usable capture with a note, or in one sentence that says what to do."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from aa4d.capture.clip import Clip
+from aa4d.capture.make import make_capture
+from aa4d.capture.reader import read_capture
+from aa4d.capture.selection import make_clip
+from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
+from aa4d.capture.sources import open_source
+from aa4d.errors import InputError
+from tests.capture import aerial
+from tests.capture.videos import cut_short, index_in_front, turn_clockwise, write_video
+
+QUICK = replace(PRESETS["fast"], features=800, longest_px=320, window=3, keyframes=4)
+SETTINGS = CaptureSettings("test", QUICK, Selection(source_fps=10.0), movers="off", threads=1)
+IMAGES = aerial.pictures(aerial.arc())
+
+
+def silent(*_: Any) -> Callable[..., None]:
+    return lambda *_: None
+
+
+def clip_of(path: Path, folder: Path, selection: Selection | None = None) -> Clip:
+    folder.mkdir()
+    selection = selection or Selection(source_fps=10.0)
+    source = open_source(path, selection, None)
+    return make_clip(source.pictures, source.duration_s, selection, source.notes, folder, lambda *_: None)
+
+
+def pixels(clip: Clip, rank: int) -> np.ndarray:
+    with Image.open(clip.folder / clip.frames[rank].file) as image:
+        return np.asarray(image.convert("RGB"), np.float64)
+
+
+def test_a_video_keeps_its_presentation_times(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "flight.mp4", IMAGES, [i / 10 for i in range(9)])
+    clip = clip_of(video, tmp_path / "clip")
+    assert [f.time_s for f in clip.frames] == pytest.approx([i / 10 for i in range(9)])
+    assert np.abs(pixels(clip, 5) - IMAGES[5]).mean() < 12
+    assert clip.notes == ()
+
+
+def test_rate_and_range_of_a_video(tmp_path: Path) -> None:
+    images = [IMAGES[i // 3] for i in range(27)]
+    video = write_video(tmp_path / "flight.mp4", images, [i / 30 for i in range(27)])
+    selection = Selection(rate=10, start_s=0.2, end_s=0.65)
+    clip = clip_of(video, tmp_path / "clip", selection)
+    assert len(clip.frames) == 5
+    assert all(0.2 <= f.time_s <= 0.65 for f in clip.frames)
+    assert np.abs(pixels(clip, 2) - IMAGES[round(clip.frames[2].time_s * 10 - 0.5)]).mean() < 12
+
+
+def test_a_variable_frame_rate_is_kept_and_told(tmp_path: Path) -> None:
+    times = [0, 0.04, 0.08, 0.3, 0.34, 0.38, 0.6, 0.64, 0.9]
+    clip = clip_of(write_video(tmp_path / "phone.mp4", IMAGES, times), tmp_path / "clip", Selection(rate=1000))
+    assert [f.time_s for f in clip.frames] == pytest.approx(times, abs=0.002)
+    assert any("variable frame rate" in note for note in clip.notes)
+
+
+def test_a_video_that_ends_within_a_frame_is_used_until_there(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "broken.mp4", IMAGES, [i / 10 for i in range(9)])
+    index_in_front(video)
+    cut_short(video, 0.7)
+    clip = clip_of(video, tmp_path / "clip")
+    assert 3 <= len(clip.frames) < 9
+    assert any("ends early" in note for note in clip.notes)
+
+
+def test_a_video_without_its_index_is_refused(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "broken.mp4", IMAGES, [i / 10 for i in range(9)])
+    cut_short(video, 0.7)
+    with pytest.raises(InputError, match=r"broken\.mp4: cannot be opened as a video .* repair"):
+        clip_of(video, tmp_path / "clip")
+
+
+def test_a_video_held_upright_is_turned(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "portrait.mp4", IMAGES, [i / 10 for i in range(9)])
+    turn_clockwise(video)
+    clip = clip_of(video, tmp_path / "clip")
+    assert (clip.width, clip.height) == (aerial.HEIGHT, aerial.WIDTH)
+    assert np.abs(pixels(clip, 4) - np.rot90(IMAGES[4], -1)).mean() < 12
+
+
+def test_a_folder_with_one_frame(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="1 usable frame, and at least 3 are needed; give a longer clip"):
+        clip_of(aerial.write(tmp_path / "one", IMAGES[:1]), tmp_path / "clip")
+
+
+def test_an_empty_folder_and_nothing_at_all(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="holds no picture"):
+        open_source(tmp_path / "empty", Selection(), None)
+    with pytest.raises(InputError, match="not found; give a video"):
+        open_source(tmp_path / "absent", Selection(), None)
+    (tmp_path / "letter.pdf").write_text("x")
+    with pytest.raises(InputError, match="neither a video nor a folder"):
+        open_source(tmp_path / "letter.pdf", Selection(), None)
+
+
+def test_frames_of_two_sizes(tmp_path: Path) -> None:
+    source = aerial.write(tmp_path / "frames", IMAGES)
+    aerial.write_one(source / "frame_0003.png", cv2.resize(IMAGES[3], (160, 120)))
+    clip = clip_of(source, tmp_path / "clip")
+    assert len(clip.frames) == 8
+    assert any("frame_0003.png left out: of another size" in note for note in clip.notes)
+
+
+def test_files_that_are_no_pictures_and_damaged_ones(tmp_path: Path) -> None:
+    source = aerial.write(tmp_path / "frames", IMAGES)
+    (source / "notes.txt").write_text("x")
+    (source / "Thumbs.db").write_bytes(b"x")
+    damaged = source / "frame_0004.png"
+    damaged.write_bytes(damaged.read_bytes()[:500])
+    clip = clip_of(source, tmp_path / "clip")
+    assert len(clip.frames) == 8
+    assert any("Thumbs.db, notes.txt left out: no picture" in note for note in clip.notes)
+    assert any("frame_0004.png left out" in note for note in clip.notes)
+
+
+def sixteen_bit(image: np.ndarray) -> Image.Image:
+    return Image.fromarray((image.mean(axis=2) * 257).astype(np.uint16))
+
+
+def with_alpha(image: np.ndarray) -> Image.Image:
+    return Image.fromarray(np.dstack([image, np.full(image.shape[:2], 255, np.uint8)]))
+
+
+@pytest.mark.parametrize(
+    ("convert", "ending", "grey"),
+    [
+        (sixteen_bit, "png", True),
+        (lambda i: Image.fromarray(i).convert("L"), "png", True),
+        (lambda i: Image.fromarray(i).convert("CMYK"), "jpg", False),
+        (with_alpha, "png", False),
+        (lambda i: Image.fromarray(i).convert("P", palette=Image.Palette.ADAPTIVE), "png", False),
+        (lambda i: Image.fromarray(i), "tif", False),
+    ],
+    ids=["16-bit", "grey", "CMYK", "alpha", "palette", "tif"],
+)
+def test_pictures_of_every_kind_become_8_bit_rgb(
+    tmp_path: Path, convert: Callable[[np.ndarray], Image.Image], ending: str, grey: bool
+) -> None:
+    source = tmp_path / "frames"
+    source.mkdir()
+    for i, image in enumerate(IMAGES[:3]):
+        convert(image).save(source / f"{i}.{ending}", **({"quality": 95} if ending == "jpg" else {}))
+    clip = clip_of(source, tmp_path / "clip")
+    with Image.open(clip.folder / clip.frames[1].file) as stored:
+        assert stored.mode == "RGB"
+    wanted = np.repeat(IMAGES[1].mean(axis=2, keepdims=True), 3, axis=2) if grey else IMAGES[1]
+    assert np.abs(pixels(clip, 1) - wanted).mean() < 12
+
+
+def test_a_photograph_that_was_taken_upright_is_turned(tmp_path: Path) -> None:
+    source = tmp_path / "frames"
+    source.mkdir()
+    exif = Image.Exif()
+    exif[0x0112] = 6  # to be turned clockwise
+    for i, image in enumerate(IMAGES[:3]):
+        Image.fromarray(image).save(source / f"{i}.jpg", quality=95, exif=exif)
+    clip = clip_of(source, tmp_path / "clip")
+    assert (clip.width, clip.height) == (aerial.HEIGHT, aerial.WIDTH)
+    assert np.abs(pixels(clip, 1) - np.rot90(IMAGES[1], -1)).mean() < 12
+
+
+def test_identical_frames(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"1 usable frame.*repeat the frame before.*in which the drone moves"):
+        clip_of(aerial.write(tmp_path / "still", [IMAGES[0]] * 6), tmp_path / "clip")
+
+
+def test_a_blurred_frame_is_left_out(tmp_path: Path) -> None:
+    images = [*IMAGES]
+    images[4] = cv2.GaussianBlur(images[4], (0, 0), 4)
+    clip = clip_of(aerial.write(tmp_path / "frames", images), tmp_path / "clip")
+    assert [f.label for f in clip.frames if f.label == "frame_0004.png"] == []
+    assert any("frame_0004.png left out: blurred" in note for note in clip.notes)
+
+
+def test_of_a_video_the_sharpest_frame_of_each_tick_is_taken(tmp_path: Path) -> None:
+    source = aerial.write(
+        tmp_path / "frames", [i for image in IMAGES for i in (cv2.GaussianBlur(image, (0, 0), 3), image)]
+    )
+    clip = clip_of(source, tmp_path / "clip", Selection(source_fps=20, rate=10.001))
+    numbers = [f.number for f in clip.frames]
+    assert len(numbers) >= 8
+    assert all(n is not None and n % 2 == 1 for n in numbers)
+
+
+def test_names_without_numbers_go_by_the_alphabet(tmp_path: Path) -> None:
+    source = tmp_path / "frames"
+    source.mkdir()
+    for name, image in zip("dbca", IMAGES, strict=False):
+        aerial.write_one(source / f"{name}.png", image)
+    clip = clip_of(source, tmp_path / "clip")
+    assert [f.label for f in clip.frames] == ["a.png", "b.png", "c.png", "d.png"]
+    assert any("file names without numbers" in note for note in clip.notes)
+
+
+def test_a_gap_in_the_numbers_is_a_gap_in_time(tmp_path: Path) -> None:
+    source = tmp_path / "frames"
+    source.mkdir()
+    for number, image in zip((8, 9, 10, 100), IMAGES, strict=False):
+        aerial.write_one(source / f"DJI_{number}.png", image)
+    clip = clip_of(source, tmp_path / "clip", Selection(source_fps=10, rate=1000))
+    assert [f.time_s for f in clip.frames] == pytest.approx([0, 0.1, 0.2, 9.2])
+
+
+def test_a_camera_that_only_turns(tmp_path: Path) -> None:
+    source = aerial.write(tmp_path / "frames", aerial.pictures(aerial.turning()))
+    with pytest.raises(InputError, match=r"no cameras could be reconstructed: the camera only turns.*--start, --end"):
+        make_capture(source, tmp_path / "capture", SETTINGS, None, silent)
+    assert not (tmp_path / "capture/capture.json").exists()
+
+
+def test_frames_with_nothing_in_common(tmp_path: Path) -> None:
+    images = [aerial.texture(seed)[:240, :320] for seed in range(4)]
+    source = aerial.write(tmp_path / "frames", images)
+    with pytest.raises(InputError, match="no two frames have enough in common; use frames that lie closer"):
+        make_capture(source, tmp_path / "capture", SETTINGS, None, silent)
+
+
+def test_a_cut_keeps_the_larger_part_and_lists_the_other(tmp_path: Path) -> None:
+    first = aerial.pictures(aerial.arc(8))
+    second = aerial.pictures(aerial.arc(5, 40), lambda _: aerial.town(3))
+    source = aerial.write(tmp_path / "a flight, été 飞行" / "frames", first + second)
+    made = make_capture(source, tmp_path / "my capture, été", SETTINGS, None, silent)
+    assert made.frames == 8
+    note = next(n for n in made.notes if "second part of the clip" in n)
+    assert "5 frames from frame_0008.png to frame_0012.png" in note
+    assert any("falls into parts" in line for line in made.advice)
+    capture = read_capture(made.folder)
+    assert [f.t for f in capture.frames] == pytest.approx(np.linspace(0, 1, 8))
+
+
+def test_frames_without_a_pose_are_left_out_and_named(tmp_path: Path) -> None:
+    cameras = aerial.arc(12)
+    elsewhere = [aerial.picture(aerial.town(20 + i), cameras[i]) for i in range(12)]
+    images = [image if i % 2 else elsewhere[i] for i, image in enumerate(aerial.pictures(cameras))]
+    source = aerial.write(tmp_path / "frames", images)
+    made = make_capture(source, tmp_path / "capture", SETTINGS, None, silent)
+    assert (made.frames, made.used) == (6, 12)
+    assert any("6 frames (frame_0000.png" in note and "no pose could be found" in note for note in made.notes)
+    assert any("Some frames could not be placed" in line for line in made.advice)
+    assert "What would help" in made.report.read_text()
+    # Times are those of the frames that are left.
+    assert [f.time_s for f in read_capture(made.folder).frames] == pytest.approx(0.2 * np.arange(6))
+
+
+def test_a_full_disk_is_told_and_leaves_no_capture(tmp_path: Path) -> None:
+    """The real thing: the process may write no file beyond 30 kB."""
+    source = aerial.write(tmp_path / "frames", IMAGES)
+    (source / "frame_0003.png").unlink()
+    Image.fromarray(IMAGES[3]).save(source / "frame_0003.bmp")  # has to be written anew
+    program = (
+        "import resource, signal, sys\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "from aa4d.commands.capture import capture\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))\n"
+        "from aa4d.cli import main\n"
+        f"sys.argv = ['aa4d', 'capture', {str(source)!r}, '--out', {str(tmp_path / 'capture')!r}]\n"
+        "main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2, ended.stderr
+    assert "no space is left on the disk" in ended.stderr
+    assert "run the same command again" in ended.stderr
+    assert not (tmp_path / "capture/capture.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--rate", "0"], "--rate 0: must be at least"),
+        (["--rate", "nan"], "--rate nan: must be at least"),
+        (["--start", "5", "--end", "3"], "--end 3: must lie after --start 5"),
+        (["--max-frames", "1"], "--max-frames 1: must be at least 3"),
+        (["--altitude", "-3"], "--altitude -3: must be at least"),
+    ],
+)
+def test_impossible_settings_are_refused_by_name(
+    tmp_path: Path, arguments: list[str], says: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from aa4d.cli import main
+
+    source = aerial.write(tmp_path / "frames", IMAGES[:3])
+    monkeypatch.setattr(sys, "argv", ["aa4d", "capture", str(source), "--out", str(tmp_path / "c"), *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()

@@ -1,0 +1,261 @@
+"""`aa4d capture` on a small flight with true cameras: from frames to a capture that training reads."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from aa4d.capture.make import Made, make_capture
+from aa4d.capture.orientation import umeyama
+from aa4d.capture.reader import moving_mask, read_capture
+from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
+from aa4d.errors import InputError
+from tests.capture import aerial
+
+QUICK = replace(PRESETS["fast"], features=800, longest_px=320, window=3, keyframes=4)
+SETTINGS = CaptureSettings("test", QUICK, Selection(source_fps=10.0), movers="off", threads=1)
+
+
+class Watch:
+    """Which steps ran, and which were done before."""
+
+    def __init__(self) -> None:
+        self.ran: list[str] = []
+        self.skipped: list[str] = []
+
+    def __call__(self, name: str, was_done: bool):
+        (self.skipped if was_done else self.ran).append(name)
+        return lambda *_: None
+
+
+def make(source: Path, out: Path, settings: CaptureSettings = SETTINGS, watch: Watch | None = None) -> Made:
+    return make_capture(source, out, settings, None, watch or Watch())
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return aerial.write(tmp_path_factory.mktemp("flight") / "frames", aerial.pictures(aerial.arc()))
+
+
+@pytest.fixture(scope="module")
+def made(flight: Path) -> Made:
+    return make(flight, flight.parent / "capture")
+
+
+def pose_errors(folder: Path, truth: list[np.ndarray]) -> tuple[float, float]:
+    """Root mean square distance (metres) and mean angle (degrees) after the best similarity."""
+    capture = read_capture(folder)
+    ranks = [int(Path(frame.name).stem) for frame in capture.frames]
+    found = np.array([f.viewmat for f in capture.frames])
+    true = np.array([truth[i] for i in ranks])
+    centres, true_centres = (-np.einsum("nji,nj->ni", v[:, :3, :3], v[:, :3, 3]) for v in (found, true))
+    s = umeyama(centres, true_centres)
+    distance = np.sqrt(((s.of_points(centres) - true_centres) ** 2).sum(axis=1).mean())
+    turned = found[:, :3, :3] @ s.rotation.T
+    cosines = (np.einsum("nij,nij->n", turned, true[:, :3, :3]) - 1) / 2
+    return float(distance), float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).mean())
+
+
+def test_cameras_are_those_of_the_flight(made: Made) -> None:
+    assert made.frames == made.used == 9
+    distance_m, angle_deg = pose_errors(made.folder, aerial.arc())
+    # 40 m up, a pixel is 13 cm wide; what a wrong principal point or focal length costs is far more.
+    assert distance_m < 0.15
+    assert angle_deg < 0.3
+    assert made.reprojection_px < 0.5
+
+
+def test_the_capture_is_what_training_reads(made: Made) -> None:
+    capture = read_capture(made.folder)
+    assert capture.of_split("test") == [0, 8]
+    assert [f.t for f in capture.frames] == pytest.approx(np.linspace(0, 1, 9))
+    assert capture.fps == pytest.approx(10)
+    assert len(capture.points) > 200
+    with Image.open(made.folder / capture.frames[3].image) as image:
+        assert image.size == (capture.camera.width, capture.camera.height)
+    document = json.loads((made.folder / "capture.json").read_text())
+    assert document["generator"]["world"]["unit"] == "unit"
+    assert document["frames"][3]["source"] == "frame_0003.png"
+
+
+def test_the_world_is_level_and_its_unit_is_the_viewing_distance(made: Made) -> None:
+    capture = read_capture(made.folder)
+    centres = np.array([-f.viewmat[:3, :3].T @ f.viewmat[:3, 3] for f in capture.frames])
+    assert (centres[:, 2] > 0.7).all()
+    assert (centres[:, 2] < 1.3).all()
+    ground = np.abs(capture.points[:, 2]) < 0.03
+    assert ground.mean() > 0.5
+    assert capture.points[:, 2].max() > 0.08  # roofs are 4 to 9 m, the camera 40 m above the ground
+    depths = np.concatenate([capture.points @ f.viewmat[2, :3] + f.viewmat[2, 3] for f in capture.frames])
+    assert np.median(depths) == pytest.approx(1, abs=0.02)
+
+
+def test_other_programs_cameras_are_the_same(made: Made) -> None:
+    import pycolmap
+
+    capture = read_capture(made.folder)
+    model = pycolmap.Reconstruction(made.folder / "sparse/0")
+    transforms = json.loads((made.folder / "transforms.json").read_text())
+    assert model.num_reg_images() == len(transforms["frames"]) == 9
+    for frame, entry in zip(capture.frames, transforms["frames"], strict=True):
+        image = model.find_image_with_name(f"{frame.name}.png")
+        assert np.allclose(image.cam_from_world().matrix(), frame.viewmat[:3], atol=1e-9)
+        opengl = np.linalg.inv(np.array(entry["transform_matrix"]) @ np.diag([1, -1, -1, 1]))
+        assert np.allclose(opengl, frame.viewmat, atol=1e-9)
+
+
+def test_nothing_is_done_twice(made: Made, flight: Path) -> None:
+    watch = Watch()
+    before = (made.folder / "capture.json").read_bytes()
+    again = make(flight, made.folder, watch=watch)
+    assert watch.ran == []
+    assert (made.folder / "capture.json").read_bytes() == before
+    assert again.seconds == made.seconds
+
+
+def test_a_changed_setting_repeats_what_depends_on_it(flight: Path, made: Made, tmp_path: Path) -> None:
+    import shutil
+
+    folder = tmp_path / "copy"
+    shutil.copytree(made.folder, folder)
+    watch = Watch()
+    smaller = make(flight, folder, replace(SETTINGS, size_px=160), watch)
+    assert watch.ran == ["pictures", "capture"]
+    assert max(read_capture(smaller.folder).camera.width, read_capture(smaller.folder).camera.height) <= 160
+    assert pose_errors(folder, aerial.arc())[0] == pytest.approx(pose_errors(made.folder, aerial.arc())[0])
+
+
+def test_repeated_from_scratch_the_cameras_are_the_same(flight: Path, made: Made, tmp_path: Path) -> None:
+    again = make(flight, tmp_path / "again")
+    first, second = read_capture(made.folder), read_capture(again.folder)
+    for a, b in zip(first.frames, second.frames, strict=True):
+        assert np.allclose(a.viewmat, b.viewmat, atol=1e-6)
+
+
+def test_an_altitude_gives_the_scale(flight: Path, made: Made, tmp_path: Path) -> None:
+    import shutil
+
+    shutil.copytree(made.folder, tmp_path / "copy")
+    scaled = make(flight, tmp_path / "copy", replace(SETTINGS, altitude_m=42.0))
+    assert scaled.world["unit"] == "metres"
+    capture = read_capture(scaled.folder)
+    depths = np.concatenate([capture.points @ f.viewmat[2, :3] + f.viewmat[2, 3] for f in capture.frames])
+    assert np.median(depths) == pytest.approx(42, rel=0.02)
+
+
+def test_a_known_field_of_view_is_kept(flight: Path, tmp_path: Path) -> None:
+    made = make(flight, tmp_path / "capture", replace(SETTINGS, fov_deg=50.0))
+    # That of the undistorted frames is a little less: their edges are cut.
+    assert 46 < made.fov_deg <= 50.1
+    document = json.loads((made.folder / "work/cameras/done.json").read_text())
+    assert document["result"]["attempts"] == 1
+
+
+def test_the_field_of_view_is_found(made: Made) -> None:
+    assert made.fov_deg == pytest.approx(2 * np.degrees(np.arctan(160 / aerial.FOCAL)), abs=1.5)
+
+
+def test_the_report_needs_nothing_else(made: Made) -> None:
+    html = made.report.read_text()
+    assert "<canvas" in html
+    assert "9 of 9 frames have a pose" in html
+    assert "Nothing looks wrong" in html
+    assert not re.search(r'(src|href)="(?!data:)', html)
+
+
+def test_another_input_or_other_things_in_the_folder_are_refused(made: Made, flight: Path, tmp_path: Path) -> None:
+    other = aerial.write(tmp_path / "other", aerial.pictures(aerial.arc(4)))
+    with pytest.raises(InputError, match=r"holds a capture of .*frames; choose a new folder"):
+        make(other, made.folder)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="no unfinished work of `aa4d capture`"):
+        make(flight, tmp_path / "mine")
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+
+
+def test_stopped_and_continued(flight: Path, tmp_path: Path) -> None:
+    """Ctrl-C in the command itself: exit code 130, and the next call repeats no finished step."""
+    command = [sys.executable, "-m", "aa4d.cli", "capture", str(flight), "--out", str(tmp_path / "c")]
+    command += ["--preset", "fast", "--movers", "off", "--threads", "1"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    features = tmp_path / "c/work/features/done.json"
+    deadline = time.monotonic() + 60
+    while not features.exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert "the same command continues" in said
+    assert not (tmp_path / "c/capture.json").exists()
+    stamp = os.stat(features).st_mtime_ns
+    finished = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert "features: done before" in finished.stdout
+    assert "next:    aa4d train" in finished.stdout
+    assert os.stat(features).st_mtime_ns == stamp
+
+
+def test_features_go_on_in_the_middle(made: Made, tmp_path: Path) -> None:
+    """What a killed run has stored is kept, and all frames stay those of one camera."""
+    import pycolmap
+
+    from aa4d.capture import features
+    from aa4d.capture.clip import Clip, ClipFrame
+
+    work = made.folder / "work/frames"
+    files = sorted(p.name for p in work.glob("*.png"))
+    frames = tuple(ClipFrame(file, file, i / 10, i, 1.0, None) for i, file in enumerate(files))
+    whole = Clip(work, aerial.WIDTH, aerial.HEIGHT, (aerial.WIDTH, aerial.HEIGHT), frames, ())
+    features.extract(replace(whole, frames=frames[:3]), None, QUICK, None, 1, tmp_path, lambda *_: None)
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
+        before = {i.name: database.read_keypoints(i.image_id) for i in database.read_all_images()}
+    found = features.extract(whole, None, QUICK, None, 1, tmp_path, lambda *_: None)
+    assert len(found["features"]) == 9
+    assert min(found["features"]) > 100
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
+        assert database.num_cameras() == 1
+        for image in database.read_all_images():
+            if image.name in before:
+                assert np.array_equal(database.read_keypoints(image.image_id), before[image.name])
+    assert set(before) == set(files[:3])
+
+
+def test_movers_are_masked_and_scored_apart(tmp_path: Path) -> None:
+    truth = aerial.arc()
+    fixed = aerial.town()
+
+    def surfaces(i: int) -> list[aerial.Surface]:
+        # A car of 4 m drives across the flight's direction, 1.6 m a frame.
+        car = aerial.Surface((-4.0, -11 + 1.6 * i), 2.0, 0.1, aerial.texture(77, 60))
+        return [fixed[0], car, *fixed[1:]]
+
+    source = aerial.write(tmp_path / "frames", aerial.pictures(truth, surfaces))
+    made = make(source, tmp_path / "capture", replace(SETTINGS, movers="auto"))
+    capture = read_capture(made.folder)
+    recalls, shares = [], []
+    for i in range(1, 8):
+        mask = moving_mask(capture, i)
+        assert mask is not None
+        # Where the car's middle is, by the true camera; the capture's frames are nearly the source's.
+        centre = truth[i] @ [-4.0, -11 + 1.6 * i, 0.1, 1]
+        x, y = (aerial.K @ (centre[:3] / centre[2]))[:2]
+        scale = capture.camera.width / aerial.WIDTH
+        column, row = int(x * scale), int(y * scale)
+        if 8 < column < mask.shape[1] - 8 and 8 < row < mask.shape[0] - 8:
+            recalls.append(bool(mask[row, column]))
+        shares.append(mask.mean())
+    assert np.mean(recalls) > 0.7
+    # The car covers 1.2 % of a frame.
+    assert np.mean(shares) < 0.06

@@ -1,0 +1,214 @@
+"""Sequence folders, annotation files, and folders whose cameras are known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aa4d.capture.annotations import read_annotations
+from aa4d.capture.clip import Clip, ClipFrame
+from aa4d.capture.make import make_capture
+from aa4d.capture.movers import box_mask
+from aa4d.capture.reader import PinholeCamera, moving_mask, read_capture
+from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
+from aa4d.capture.sources import open_source
+from aa4d.capture.writing import Cloud, Shot, write_capture
+from aa4d.errors import InputError
+from tests.capture import aerial
+
+GENUINE = Path(__file__).parents[3] / "shared/data/uavdt_gt/GT"
+QUICK = replace(PRESETS["fast"], features=800, longest_px=320, window=3, keyframes=4)
+SETTINGS = CaptureSettings("test", QUICK, Selection(source_fps=10.0), threads=1)
+
+
+def silent(*_: object):
+    return lambda *_: None
+
+
+@pytest.mark.skipif(not GENUINE.is_dir(), reason="no genuine UAVDT files")
+@pytest.mark.parametrize("sequence", ["M0101", "M0203", "M0601", "M1001"])
+def test_genuine_uavdt_files(sequence: str) -> None:
+    """Rows go by target, frames from 1: every row is found again under its frame."""
+    path = GENUINE / f"{sequence}_gt_whole.txt"
+    read = read_annotations(path, [1, 2, 3])
+    assert read.layout == "UAVDT"
+    table = np.loadtxt(path, delimiter=",")
+    assert sum(len(b) for b in read.boxes.values()) == len(table)
+    assert min(read.boxes) == table[:, 0].min() >= 1
+    frame = int(np.median(table[:, 0]))
+    expected = table[table[:, 0] == frame][:, 2:6]
+    assert np.array_equal(read.of(frame), expected)
+    ignored = read_annotations(GENUINE / f"{sequence}_gt_ignore.txt", [1])
+    assert ignored.layout in ("UAVDT", "empty")
+
+
+def test_an_empty_annotation_file_has_no_boxes(tmp_path: Path) -> None:
+    (tmp_path / "M_gt_ignore.txt").write_text("")
+    read = read_annotations(tmp_path / "M_gt_ignore.txt", [1])
+    assert read.layout == "empty"
+    assert read.of(1).shape == (0, 4)
+
+
+def test_visdrone_rows_in_its_published_format(tmp_path: Path) -> None:
+    """Made here after the format's description: no genuine file could be had."""
+    file = tmp_path / "uav.txt"
+    file.write_text("1,0,10,20,30,40,1,4,0,0\n2,0,11,21,30,40,1,4,0,1\n1,1,0,0,99,9,0,0,0,0\n2,3,5,6,7,8,1,1,0,0,\n")
+    read = read_annotations(file, [1, 2])
+    assert read.layout == "VisDrone"
+    # Category 0 is a region that nobody has annotated, no mover.
+    assert np.array_equal(read.of(1), [[10, 20, 30, 40]])
+    assert np.array_equal(read.of(2), [[11, 21, 30, 40], [5, 6, 7, 8]])
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("1,2,3\n", "rows have 3 columns; known are 10"),
+        ("a,b\n", "line 1 is not a row of numbers"),
+        ("1,2,3,nan\n", "line 1 is not like the first"),
+        ("1,2,3,4\n1,2,3\n", "line 2 is not like the first"),
+    ],
+)
+def test_other_files_are_refused(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "x.txt").write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_annotations(tmp_path / "x.txt", [1])
+
+
+def test_boxes_are_in_the_source_pixels_and_have_a_border() -> None:
+    frame = ClipFrame("0.png", "0.png", 0.0, 1, 1.0, None)
+    clip = Clip(Path(), 160, 120, (320, 240), (frame,), ())
+    mask = box_mask(clip, np.array([[100.0, 60, 40, 20], [-50, -50, 60, 60]]))
+    rows, columns = np.nonzero(mask[20:, :])
+    assert (columns.min(), columns.max()) == (44, 75)
+    assert (rows.min() + 20, rows.max() + 20) == (27, 42)
+    assert mask[0, 0]
+    assert mask.mean() < 0.05
+
+
+def test_visdrone_layout_masks_the_boxes(tmp_path: Path) -> None:
+    images = aerial.pictures(aerial.arc(5))
+    frames = aerial.write(tmp_path / "val/sequences/uav0001", images, "{:07}.png")
+    # Frames of VisDrone count from 1.
+    for i in reversed(range(5)):
+        (frames / f"{i:07}.png").rename(frames / f"{i + 1:07}.png")
+    (tmp_path / "val/annotations").mkdir()
+    rows = "".join(f"{i},0,{30 * i},100,40,30,1,4,0,0\n" for i in range(1, 6))
+    (tmp_path / "val/annotations/uav0001.txt").write_text(rows)
+    made = make_capture(frames, tmp_path / "capture", SETTINGS, None, silent)
+    document = json.loads((made.folder / "capture.json").read_text())
+    assert document["generator"]["movers"] == "boxes (VisDrone)"
+    capture = read_capture(made.folder)
+    scale = capture.camera.width / 320
+    for i in range(5):
+        mask = moving_mask(capture, i)
+        assert mask is not None
+        columns = np.nonzero(mask.any(axis=0))[0]
+        middle = (columns.min() + columns.max()) / 2
+        assert middle == pytest.approx((30 * (i + 1) + 20) * scale, abs=4)
+
+
+def test_uavdt_layout_is_recognised(tmp_path: Path) -> None:
+    frames = aerial.write(tmp_path / "UAV-benchmark-M/M0101", aerial.pictures(aerial.arc(3)), "img{:06}.png")
+    truth = tmp_path / "UAV-benchmark-MOTD_v1.0/GT"
+    truth.mkdir(parents=True)
+    (truth / "M0101_gt_whole.txt").write_text("2,1,3,4,5,6,1,1,1\n1,1,3,4,5,6,1,1,1\n")
+    source = open_source(frames, Selection(), None)
+    assert source.annotations is not None
+    assert source.annotations.layout == "UAVDT"
+
+
+def given(folder: Path, with_points: bool) -> Path:
+    """A folder with frames, true cameras and, if wanted, points, as `aa4d synth` writes them."""
+    truth = aerial.arc()
+    aerial.write(folder / "pictures", aerial.pictures(truth), "{:06}.png")
+    generator = np.random.default_rng(0)
+    ground = np.column_stack([generator.uniform(-12, 12, (400, 2)), np.zeros(400)])
+    ground[:40, 2] = 6.0
+    # The colours that the frames show there, for the self-check.
+    first = truth[4]
+    in_camera = ground @ first[:3, :3].T + first[:3, 3]
+    at = (in_camera / in_camera[:, 2:]) @ aerial.K.T
+    image = aerial.pictures([first])[0]
+    colors = image[np.clip(at[:, 1].astype(int), 0, 239), np.clip(at[:, 0].astype(int), 0, 319)]
+    cloud = Cloud(ground, colors.astype(np.uint8), np.ones(400))
+    shots = [Shot(f"{i:06}", f"{i:06}", i / 10, v) for i, v in enumerate(truth)]
+    camera = PinholeCamera(aerial.WIDTH, aerial.HEIGHT, aerial.K)
+    write_capture(folder, "given", folder / "pictures", camera, shots, cloud, {})
+    if not with_points:
+        import shutil
+
+        shutil.rmtree(folder / "sparse")
+    return folder
+
+
+def test_nerfstudio_cameras_are_kept_and_points_are_triangulated(tmp_path: Path) -> None:
+    source = given(tmp_path / "given", with_points=False)
+    made = make_capture(source, tmp_path / "capture", replace(SETTINGS, movers="off"), None, silent)
+    capture = read_capture(made.folder)
+    assert made.frames == 9
+    for frame, viewmat in zip(capture.frames, aerial.arc(), strict=True):
+        assert np.allclose(frame.viewmat, viewmat, atol=1e-6)
+    assert np.allclose(capture.camera.K, aerial.K)
+    # Ground and roofs where they are.
+    assert np.median(np.abs(capture.points[:, 2])) < 0.2
+    assert np.percentile(capture.points[:, 2], 98) > 3
+
+
+def test_a_colmap_model_is_levelled_and_its_frames_stay_as_they_are(tmp_path: Path) -> None:
+    """A model that stands askew, with points and their tracks: as COLMAP leaves it."""
+    import pycolmap
+    from PIL import Image
+
+    source = given(tmp_path / "given", with_points=False)
+    first = make_capture(source, tmp_path / "first", replace(SETTINGS, movers="off"), None, silent)
+    model = pycolmap.Reconstruction(first.folder / "work/cameras/model")
+    model.transform(pycolmap.Sim3d(0.3, pycolmap.Rotation3d(np.array([0.1, -0.5, 0.5, 0.7])), np.array([4.0, 5, 6])))
+    colmap = tmp_path / "colmap"
+    (colmap / "sparse/0").mkdir(parents=True)
+    model.write(colmap / "sparse/0")
+    aerial.write(colmap / "images", aerial.pictures(aerial.arc()), "{:06}.png")
+    made = make_capture(colmap, tmp_path / "capture", replace(SETTINGS, movers="off", altitude_m=43.0), None, silent)
+    assert made.frames == 9
+    assert set(made.seconds) == {"frames", "cameras", "pictures", "capture"}
+    capture = read_capture(made.folder)
+    assert np.median(np.abs(capture.points[:, 2])) < 0.3
+    heights = [(-f.viewmat[:3, :3].T @ f.viewmat[:3, 3])[2] for f in capture.frames]
+    # Level flight stays level, at the height that 43 m from the cameras to what they see comes to.
+    assert max(heights) - min(heights) < 0.1
+    assert 34 < min(heights) < 43
+    # A pinhole camera's frames are not sampled anew.
+    with Image.open(made.folder / capture.frames[4].image) as image:
+        assert np.array_equal(np.asarray(image), aerial.pictures(aerial.arc())[4])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d.update(frames=[]), '"frames" is missing or empty'),
+        (lambda d: d.update(camera_model="OPENCV_FISHEYE"), "OPENCV_FISHEYE"),
+        (lambda d: d["frames"][0]["transform_matrix"][0].__setitem__(0, 9.0), "not a rotation and a translation"),
+        (lambda d: d["frames"][0].pop("file_path"), "frame 0 is incomplete"),
+        (lambda d: d["frames"][0].update(file_path="../../secret.png"), "lies outside"),
+        (lambda d: [f.update(file_path="x/" + f["file_path"]) for f in d["frames"]], "holds none of the 9 pictures"),
+    ],
+)
+def test_damaged_transforms_are_refused(tmp_path: Path, change, says: str) -> None:
+    source = given(tmp_path / "given", with_points=False)
+    document = json.loads((source / "transforms.json").read_text())
+    change(document)
+    (source / "transforms.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"transforms\.json|given") as refusal:
+        open_source(source, Selection(), None)
+    assert says in str(refusal.value)
+
+
+def test_a_damaged_colmap_model_is_refused(tmp_path: Path) -> None:
+    source = given(tmp_path / "given", with_points=True)
+    (source / "sparse/0/cameras.txt").write_text("1 PINHOLE nonsense\n")
+    with pytest.raises(InputError, match=r"cannot be read as a COLMAP model|holds no image"):
+        open_source(source, Selection(), None)
