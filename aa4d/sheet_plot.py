@@ -23,13 +23,14 @@ def plot(measured: Path, picture: Path) -> None:
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.image import imread
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
     from matplotlib.patches import Patch
 
     found = read_json_object(measured, "the measurements of `aa4d synth sheet`")
     rows, (width, height) = found["scenes"], found["size"]
     across = 3.2  # inches of a picture
-    figure = Figure(figsize=(4 * across, len(rows) * across * height / width + 0.45), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02, wspace=0, hspace=0)  # type: ignore[union-attr]
+    tight = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0, hspace=0)
+    figure = Figure(figsize=(4 * across, len(rows) * across * height / width + 0.45), layout=tight)
     axes = figure.subplots(len(rows), 4, squeeze=False)
     colours = ListedColormap([colour for _, colour in ACTIVITY])
     for row, cells in zip(rows, axes, strict=True):

@@ -101,7 +101,8 @@ def measure(paths: Sequence[Path], out: Path, count: int) -> dict[str, Any]:
                 row = shoot(scene, path.parent, count, Path(scratch), progress.advance)
             except InputError as error:
                 raise InputError(f"{path}: {error}") from None
-            keep(*row.pop("show"), out / scene.name)
+            folder, frame = row.pop("show")
+            keep(folder, frame, out / scene.name)
         row["load_average"] = round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None
         rows.append(row)
     return {

@@ -200,7 +200,8 @@ def check_instances(recording: Recording) -> Iterator[Row]:
         outside.append(np.maximum(beyond, height))
     yield measured("pixels outside their instance's box", "m", _joined(outside), TRACK_TOLERANCE_M)
     yield faults("moving, from the speeds", tracks["moving"] != (tracks["speed_mps"] > 0.05))
-    stands = ~(tracks["moving"][1:] | tracks["moving"][:-1])
+    here = tracks["present"][1:] & tracks["present"][:-1]
+    stands = here & ~(tracks["moving"][1:] | tracks["moving"][:-1])
     step = np.linalg.norm(np.diff(tracks["object_to_world"][:, :, :3, 3], axis=0), axis=-1)
     speed = np.maximum(tracks["speed_mps"][1:], tracks["speed_mps"][:-1])
     dt = np.diff(tracks["time_s"])[:, None]

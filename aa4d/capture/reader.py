@@ -224,7 +224,10 @@ def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
     if not isinstance(value, dict):
         raise InputError(f'{index}: key "camera" is missing or not an object')
     if value.get("model") != "PINHOLE":
-        raise InputError(f'{index}: camera model {value.get("model")!r} is not supported, expected "PINHOLE"')
+        raise InputError(
+            f'{index}: camera model {value.get("model")!r} is not supported, expected "PINHOLE"; render the scene '
+            "without [effects.lens_distortion], or undistort the frames first"
+        )
     width, height = value.get("width"), value.get("height")
     if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
         raise InputError(f"{index}: camera width and height must be positive integers, found {width!r} x {height!r}")

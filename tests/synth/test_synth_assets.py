@@ -60,3 +60,39 @@ def test_a_model_stands_where_its_vehicle_is_and_fits_its_box(
     assert local[:, 2].max() == pytest.approx(height, abs=0.02)
     assert np.abs(local[:, 0]).max() < height / 2 + 0.03
     assert np.abs(local[:, 1]).max() < height / 4 + 0.03
+
+
+CARS = Path(__file__).resolve().parents[3] / "shared" / "data" / "assets_quaternius" / "vehicles_fbx"
+
+
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy module")
+@pytest.mark.skipif(not CARS.is_dir(), reason="needs ../shared/data/assets_quaternius")
+def test_a_model_whose_file_says_that_it_is_transparent_is_seen(
+    flyover: Command, tiny_scene: Path, tmp_path: Path
+) -> None:
+    """This FBX comes in with an alpha of 0: its ids added up through its layers, and nobody saw it."""
+    (tmp_path / "car.fbx").write_bytes((CARS / "Taxi.fbx").read_bytes())
+    text = tiny_scene.read_text().replace("frames = 6", "frames = 1")
+    table = '\n[[assets]]\nkind = "saloon"\nfile = "car.fbx"\n'
+    (tmp_path / "askew.toml").write_text(text + table)
+    refused = flyover([tmp_path / "askew.toml", "--out", tmp_path / "out"])
+    assert refused.returncode == 2  # type: ignore[attr-defined]
+    assert "times as wide as long" in refused.stderr  # type: ignore[attr-defined]
+    (tmp_path / "scene.toml").write_text(text + table + "yaw_deg = 90\n")
+    result = flyover([tmp_path / "scene.toml", "--out", tmp_path / "out"])  # nothing was rendered there yet
+    assert result.returncode == 0, result.stderr  # type: ignore[attr-defined]
+    index = json.loads((tmp_path / "out" / "capture.json").read_text())
+    ids = np.load(tmp_path / "out" / index["frames"][0]["truth"])["instance_id"]
+    assert ids.max() <= len(index["instances"])
+    saloons = [i["id"] for i in index["instances"] if "saloon" in i["name"]]
+    assert np.isin(ids, saloons).sum() > 5
+
+
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy module")
+def test_a_damaged_model_is_one_sentence(flyover: Command, tiny_scene: Path, tmp_path: Path) -> None:
+    (tmp_path / "car.glb").write_bytes(b"glTF" + bytes(40))
+    (tmp_path / "scene.toml").write_text(tiny_scene.read_text() + '\n[[assets]]\nkind = "saloon"\nfile = "car.glb"\n')
+    result = flyover([tmp_path / "scene.toml", "--out", tmp_path / "out"])
+    assert result.returncode == 2  # type: ignore[attr-defined]
+    assert "Blender cannot import it" in result.stderr  # type: ignore[attr-defined]
+    assert len(result.stderr.strip().splitlines()) == 1  # type: ignore[attr-defined]

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -213,3 +214,25 @@ def test_flow_is_that_of_blenders_vector_pass(tiny_scene: Path, tmp_path: Path) 
     *worst, greatest = map(float, ran.stdout.split("RESULT")[1].split())
     assert greatest > 3
     assert max(worst) < 0.005
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="reads /proc")
+def test_memory_stays_flat_over_three_hundred_frames(tiny_scene: Path, tmp_path: Path) -> None:
+    text = tiny_scene.read_text()
+    for old, new in (("frames = 6", "frames = 300"), ("fps = 2", "fps = 30"), ("width_px = 96", "width_px = 32"),
+                     ("height_px = 54", "height_px = 18"), ("samples = 2", "samples = 1")):  # fmt: skip
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "long.toml").write_text(text)
+    command = [sys.executable, str(ROOT / "synth" / "render_flyover.py"), str(tmp_path / "long.toml"), "--out",
+               str(tmp_path / "out")]  # fmt: skip
+    peaks = {False: 0, True: 0}  # kB, in the first hundred frames and after
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    while process.poll() is None:
+        found = re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{process.pid}/status").read_text())
+        late = (tmp_path / "out" / "frames" / "000100.png").is_file()
+        peaks[late] = max(peaks[late], int(found[1]) if found else 0)
+        time.sleep(0.1)
+    assert process.returncode == 0
+    assert 0 < peaks[True] < 1.1 * peaks[False]
