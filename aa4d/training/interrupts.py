@@ -1,4 +1,4 @@
-"""Ctrl-C between two iterations."""
+"""Ctrl-C, or a batch system's request to stop, between two iterations."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from types import FrameType
 
 StopRequest = Callable[[], bool]
+SIGNALS = (signal.SIGINT, signal.SIGTERM)  # Ctrl-C, and what batch systems send before they kill
 
 
 @contextmanager
 def stop_requests() -> Iterator[StopRequest]:
-    """Ctrl-C asks the loop to stop between two iterations, so that what it saves is whole; a second one insists."""
+    """A signal asks the loop to stop between two iterations, so that what it saves is whole; a second one insists."""
     requested = False
 
     def request(_number: int, _frame: FrameType | None) -> None:
@@ -22,11 +23,12 @@ def stop_requests() -> Iterator[StopRequest]:
         requested = True
 
     try:
-        before = signal.signal(signal.SIGINT, request)
-    except ValueError:  # not in the main thread: there Ctrl-C belongs to somebody else
+        before = {number: signal.signal(number, request) for number in SIGNALS}
+    except ValueError:  # not in the main thread: there signals belong to somebody else
         yield lambda: False
         return
     try:
         yield lambda: requested
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

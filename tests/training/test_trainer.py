@@ -86,14 +86,19 @@ def test_held_out_frames_are_never_read_in_training(toy_capture: Path, tmp_path:
         evaluate(tmp_path / "run", None, silent)
 
 
-@pytest.mark.parametrize(("stage", "at"), [("coarse", 17), ("coarse", 30), ("fine", 23)])
-def test_interrupted_and_continued_equals_uninterrupted(toy_capture: Path, tmp_path: Path, stage: str, at: int) -> None:
+@pytest.mark.parametrize(
+    ("stage", "at", "number"),
+    [("coarse", 17, signal.SIGINT), ("coarse", 30, signal.SIGINT), ("fine", 23, signal.SIGTERM)],
+)
+def test_interrupted_and_continued_equals_uninterrupted(
+    toy_capture: Path, tmp_path: Path, stage: str, at: int, number: signal.Signals
+) -> None:
     capture = read_capture(toy_capture)
     train(capture, tmp_path / "whole", SHORT, silent)
 
     def interrupt(now: str, iteration: int, *_: object) -> None:
         if (now, iteration) == (stage, at):
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), number)
 
     with pytest.raises(Interrupted, match=f"{stage} iteration {at}.*the same command continues"):
         train(capture, tmp_path / "parts", SHORT, interrupt)
