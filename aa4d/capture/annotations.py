@@ -41,8 +41,10 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
         raise InputError(f"{path}: boxes go by frame number, and the frames' file names have none; rename the frames")
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as annotations ({error})") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the annotation file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no text; give the annotation file") from None
     rows = []
     for line_number, line in enumerate(text.splitlines(), 1):
         if not line.strip():

@@ -72,14 +72,14 @@ def make_capture(
 
 def _claim(path: Path, out: Path) -> None:
     """Raises InputError where `out` holds something other than a capture of this input."""
-    record = out / "work" / "input.json"
+    record = out.resolve() / "work" / "input.json"  # resolved: `new/../used` is `used`
     resolved = str(path.resolve())
     if record.is_file():
         other = read_json_object(record, "the record of a capture's input").get("input")
         if other != resolved:
             raise InputError(f"{out}: holds a capture of {other}; choose a new folder with --out")
         return
-    if out.is_dir() and any(out.iterdir()):
+    if out.resolve().is_dir() and any(out.resolve().iterdir()):
         raise InputError(f"{out}: not empty, and no unfinished work of `aa4d capture`; choose a new folder with --out")
     make_folder(record.parent)
     write_json(record, {"input": resolved})

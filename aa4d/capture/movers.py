@@ -66,6 +66,8 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
             save_png(path, np.where(moving, 0, 255).astype(np.uint8))
         shares.append(float(moving.mean()))
         progress(i + 1, len(clip.frames))
+    if annotations is not None and annotations.boxes and not any(f.number in annotations.boxes for f in clip.frames):
+        notes.append(f"{annotations.file} has no box for any frame used: no mover is masked; frames count from 1 there")
     return Movers("epipolar" if annotations is None else "boxes", shares, notes)
 
 

@@ -84,6 +84,8 @@ def make_clip(
     ):
         _reject(kept, rejected, reason, folder, notes)
     if len(kept) < FEWEST:
+        if not kept and duration_s is not None and selection.start_s > duration_s:
+            raise InputError(f"--start {selection.start_s:g}: the input ends before (at {duration_s:.1f} s); give less")
         raise InputError(_too_few(kept, notes))
     width, height = _size_of(folder / kept[0].file)
     frames = tuple(
@@ -196,7 +198,7 @@ def _size_of(path: Path) -> tuple[int, int]:
 
 
 def _too_few(kept: list[Candidate], notes: list[str]) -> str:
-    reasons = "; ".join(notes)
+    reasons = "; ".join(notes if len(notes) <= 3 else [*notes[:2], f"and {len(notes) - 2} more notes"])
     found = f"{len(kept)} usable frame{'' if len(kept) == 1 else 's'}"
     advice = "give a longer clip, a higher --rate, or a range (--start, --end) in which the drone moves"
     return f"{found}, and at least {FEWEST} are needed{f' ({reasons})' if reasons else ''}; {advice}"
