@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import pycolmap
 
+from aa4d.interrupts import stop_requests
+
 T = TypeVar("T")
 U = TypeVar("U")
 WATCHED_EVERY_S = 0.2
@@ -39,15 +41,18 @@ def run(stage: Callable[[Any], T], watch: Callable[[], None] = lambda: None) -> 
             failure.append(error)
 
     thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    try:
+    # A flag and no exception: one in the middle of start() would leave the stage running, and COLMAP's own threads
+    # abort a process that ends before them.
+    with stop_requests() as stop_requested:
+        thread.start()
         while thread.is_alive():
             thread.join(WATCHED_EVERY_S)
             watch()
-    except KeyboardInterrupt:
-        token.cancel()
-        thread.join()
-        raise
+            if stop_requested():
+                token.cancel()
+                thread.join()
+        if stop_requested():
+            raise KeyboardInterrupt
     if failure:
         raise failure[0]
     return result[0]

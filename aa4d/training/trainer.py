@@ -23,6 +23,7 @@ from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.image_metrics import decibels
 from aa4d.field.planes import regularisation
 from aa4d.field.warping import density_adaptive_boundaries
+from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.kernels.image_loss import image_loss
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
@@ -32,7 +33,6 @@ from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_check
 from aa4d.training.config import TrainingConfig, temporal_resolution
 from aa4d.training.growth import densify
 from aa4d.training.history import History
-from aa4d.training.interrupts import StopRequest, stop_requests
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
 from aa4d.training.run_folder import check_folder, claimed

@@ -1,4 +1,4 @@
-"""Ctrl-C, or a batch system's request to stop, between two iterations."""
+"""Ctrl-C, or a batch system's request to stop, at a moment that suits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)  # Ctrl-C, and what batch systems send
 
 @contextmanager
 def stop_requests() -> Iterator[StopRequest]:
-    """A signal asks the loop to stop between two iterations, so that what it saves is whole; a second one insists."""
+    """A signal asks a loop to stop when it next looks, so that what it saves is whole; a second one insists."""
     requested = False
 
     def request(_number: int, _frame: FrameType | None) -> None:
