@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <cstdlib>
 #include <numeric>
 #include <stdexcept>
-#include <string>
 
 #include "binning.hpp"
+#include "instruction_set.hpp"
 #include "kernels.hpp"
 #include "thread_pool.hpp"
 
@@ -221,18 +220,12 @@ void add_up(const double* parts, std::size_t count, int width, float* out) {
 
 const Kernels& kernels() {
   static const Kernels& chosen = []() -> const Kernels& {
-    const char* const wanted = std::getenv("AA4D_SIMD");
-    const std::string name = wanted ? wanted : "";
+    [[maybe_unused]] const InstructionSet set = choose_instruction_set();
 #if defined(__x86_64__)
-    __builtin_cpu_init();
-    const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
-    const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-    if (avx512 && (name.empty() || name == "avx512")) return kAvx512Kernels;
-    if (avx2 && (name.empty() || name == "avx2")) return kAvx2Kernels;
+    if (set == InstructionSet::kAvx512) return kAvx512Kernels;
+    if (set == InstructionSet::kAvx2) return kAvx2Kernels;
 #endif
-    if (name.empty() || name == "portable") return kPortableKernels;
-    throw std::invalid_argument("AA4D_SIMD=" + name + ": this machine has no such kernels; use avx512, avx2 or portable");
+    return kPortableKernels;
   }();
   return chosen;
 }
