@@ -25,6 +25,7 @@ from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.files import write_json  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
+from synth.leaving import leave  # noqa: E402
 from synth.plan import Frame, Plan, make_fleet, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import Scene, read_scene  # noqa: E402
@@ -259,11 +260,4 @@ def main(arguments: Sequence[str]) -> int:
 
 if __name__ == "__main__":
     arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
-    code = main(arguments)
-    if "bpy" in sys.modules:
-        from synth.blender.session import remove_temporary_folder
-
-        remove_temporary_folder()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(code)  # bpy 4.5 hangs in the interpreter's regular exit
+    leave(main(arguments))

@@ -6,7 +6,6 @@ python synth/render_flyover.py scenes/crossroads.toml --out captures/crossroads 
 
 import argparse
 import importlib.util
-import os
 import signal
 import sys
 import traceback
@@ -21,6 +20,7 @@ from synth.capture import INDEX, Folder, open_folder  # noqa: E402
 from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
+from synth.leaving import leave  # noqa: E402
 from synth.plan import Frame, Plan, document, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import read_scene  # noqa: E402
@@ -191,10 +191,4 @@ if __name__ == "__main__":
     except Exception:
         traceback.print_exc()
         code = 1
-    if "bpy" in sys.modules:
-        from synth.blender.session import remove_temporary_folder
-
-        remove_temporary_folder()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(code)  # bpy 4.5 hangs in the interpreter's regular exit
+    leave(code)
