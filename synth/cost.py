@@ -25,7 +25,7 @@ from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.files import write_json  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
-from synth.leaving import leave  # noqa: E402
+from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
 from synth.plan import Frame, Plan, make_fleet, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import Scene, read_scene  # noqa: E402
@@ -228,36 +228,22 @@ def _text(value: Any) -> str:
     return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def main(arguments: Sequence[str]) -> int:
-    """0 done, 2 bad input, 130 interrupted."""
+def main(arguments: Sequence[str]) -> None:
+    """Run the command line; raises InputError."""
     parser = argparse.ArgumentParser(prog="cost", description=__doc__.split("\n", 1)[0])
     parser.add_argument("scene", type=Path, metavar="SCENE")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where cost.json is written")
     parser.add_argument("--reference", type=int, default=256, metavar="N", help="samples of the reference picture")
-    try:
-        options = parser.parse_args(arguments)
-        scene = read_scene(options.scene)
-        with interrupt_deferred():
-            from synth.blender.session import silence
-        silence()
-        found = measure(scene, options.scene.parent, options.reference)
-        write_json(options.out / "cost.json", found)
-        print(table(found))
-        print(options.out / "cost.json")
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"{error.filename or options.out}: {error.strerror}.", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nInterrupted; nothing is written.", file=sys.stderr)
-        return 130
-    return 0
+    options = parser.parse_args(arguments)
+    scene = read_scene(options.scene)
+    with interrupt_deferred():
+        from synth.blender.session import silence
+    silence()
+    found = measure(scene, options.scene.parent, options.reference)
+    write_json(options.out / "cost.json", found)
+    print(table(found))
+    print(options.out / "cost.json")
 
 
 if __name__ == "__main__":
-    arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
-    leave(main(arguments))
+    leave(exit_code(lambda: main(own_arguments()), "; nothing is written"))

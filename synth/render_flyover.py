@@ -8,7 +8,6 @@ import argparse
 import importlib.util
 import signal
 import sys
-import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from synth.capture import INDEX, Folder, open_folder  # noqa: E402
 from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
-from synth.leaving import leave  # noqa: E402
+from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
 from synth.plan import Frame, Plan, document, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import read_scene  # noqa: E402
@@ -37,8 +36,8 @@ docs/scenes.md describes every key of a scene file, docs/formats.md the folder t
 """
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run the command line; returns the exit code: 0 done, 2 bad input, 130 interrupted."""
+def main(arguments: Sequence[str]) -> None:
+    """Run the command line. Raises InputError, OSError where a disk is full, and KeyboardInterrupt."""
     parser = argparse.ArgumentParser(
         prog="render_flyover",
         description="Render a drone's flight over traffic, with its ground truth, from a scene file.",
@@ -58,32 +57,19 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--ranks", help=argparse.SUPPRESS)  # a worker's shard, as "12,13,14"
     # Blender's own handler would end the process in the middle of a frame.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        options = parser.parse_args(arguments)
-        if options.explain:
-            from synth.explain import explain
+    options = parser.parse_args(arguments)
+    if options.explain:
+        from synth.explain import explain
 
-            print(explain(resolve(options.scene)))
-        elif options.out is None:
-            parser.error("the following arguments are required: --out")
-        elif options.workers < 1:
-            raise InputError(f"--workers {options.workers}: must be at least 1")
-        elif options.ranks is not None:
-            work(options.scene, options.out, [int(rank) for rank in options.ranks.split(",")])
-        else:
-            run(options.scene, options.out, options.workers)
-    except SystemExit as stop:  # argparse: --help or a usage error
-        return int(stop.code or 0)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except OSError as error:  # a full disk, a folder taken away
-        print(f"{error.filename or options.out}: {error.strerror}; what is finished is kept.", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nInterrupted: what is finished is kept, and the same command continues from there.", file=sys.stderr)
-        return 130
-    return 0
+        print(explain(resolve(options.scene)))
+    elif options.out is None:
+        parser.error("the following arguments are required: --out")
+    elif options.workers < 1:
+        raise InputError(f"--workers {options.workers}: must be at least 1")
+    elif options.ranks is not None:
+        work(options.scene, options.out, [int(rank) for rank in options.ranks.split(",")])
+    else:
+        run(options.scene, options.out, options.workers)
 
 
 def resolve(scene_path: Path) -> Plan:
@@ -178,17 +164,6 @@ def work(scene_path: Path, out: Path, ranks: list[int]) -> None:
     say_costs(costs)
 
 
-def own_arguments() -> list[str]:
-    """The command line without Blender's part, which ends at "--"."""
-    if "--" in sys.argv:
-        return sys.argv[sys.argv.index("--") + 1 :]
-    return sys.argv[1:] if "bpy" not in sys.modules else []
-
-
 if __name__ == "__main__":
-    try:
-        code = main(own_arguments())
-    except Exception:
-        traceback.print_exc()
-        code = 1
-    leave(code)
+    kept = "what is finished is kept"
+    leave(exit_code(lambda: main(own_arguments()), f": {kept}, and the same command continues from there", f"; {kept}"))

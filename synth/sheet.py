@@ -24,7 +24,7 @@ from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.files import write_bytes, write_json, write_npz  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
-from synth.leaving import leave  # noqa: E402
+from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
 from synth.plan import Frame, Plan, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import Render, Scene, read_scene  # noqa: E402
@@ -127,37 +127,23 @@ def table(found: dict[str, Any]) -> str:
     )
 
 
-def main(arguments: Sequence[str]) -> int:
-    """0 done, 2 bad input, 130 interrupted."""
+def main(arguments: Sequence[str]) -> None:
+    """Run the command line; raises InputError."""
     parser = argparse.ArgumentParser(prog="sheet", description=__doc__.split("\n", 1)[0])
     parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where sheet.json and NAME/ are written")
     parser.add_argument("--frames", type=int, default=4, metavar="N", help="frames to film of each (default: 4)")
-    try:
-        options = parser.parse_args(arguments)
-        if options.frames < FEWEST:
-            raise InputError(f"--frames {options.frames}: must be at least {FEWEST}.")
-        with interrupt_deferred():
-            from synth.blender.session import silence
-        silence()
-        found = measure(options.scenes, options.out, options.frames)
-        write_json(options.out / "sheet.json", found)
-        print(table(found))
-        print(options.out / "sheet.json")
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"{error.filename or options.out}: {error.strerror}.", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nInterrupted; no sheet is written.", file=sys.stderr)
-        return 130
-    return 0
+    options = parser.parse_args(arguments)
+    if options.frames < FEWEST:
+        raise InputError(f"--frames {options.frames}: must be at least {FEWEST}.")
+    with interrupt_deferred():
+        from synth.blender.session import silence
+    silence()
+    found = measure(options.scenes, options.out, options.frames)
+    write_json(options.out / "sheet.json", found)
+    print(table(found))
+    print(options.out / "sheet.json")
 
 
 if __name__ == "__main__":
-    arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
-    leave(main(arguments))
+    leave(exit_code(lambda: main(own_arguments()), "; no sheet is written"))
