@@ -95,11 +95,23 @@ def find_world(
         "unit" if altitude_m is None else "metres",
         "nothing: 1 unit is the median distance from the cameras to what they see"
         if altitude_m is None
-        else f"--altitude: the median distance from the cameras to what they see is {altitude_m:g} m",
+        else stated(altitude_m),
         "the ground: the plane that most points lie on",
         None,
         None,
     )
+
+
+def kept_world(viewmats: Floats, points: Floats, source: str, is_metric: bool, altitude_m: float | None) -> World:
+    """The world of cameras that were given with one; `source` names it. An altitude gives a scale where it has none."""
+    scale, unit, scale_from = 1.0, "metres" if is_metric else "unit", source
+    if altitude_m is not None and not is_metric:
+        scale, unit, scale_from = altitude_m / viewing_distance(viewmats, points), "metres", stated(altitude_m)
+    return World(Similarity(scale, np.eye(3), np.zeros(3)), unit, scale_from, source, None, None)
+
+
+def stated(altitude_m: float) -> str:
+    return f"--altitude: the median distance from the cameras to what they see is {altitude_m:g} m"
 
 
 def centres_of(viewmats: Floats) -> Floats:

@@ -37,7 +37,7 @@ def clip_of(path: Path, folder: Path, selection: Selection | None = None) -> Cli
     folder.mkdir()
     selection = selection or Selection(source_fps=10.0)
     source = open_source(path, selection, None)
-    return make_clip(source.pictures, source.duration_s, selection, source.notes, folder, lambda *_: None)
+    return make_clip(source.pictures, source.times_s, selection, source.notes, folder, lambda *_: None)
 
 
 def pixels(clip: Clip, rank: int) -> np.ndarray:
@@ -77,6 +77,65 @@ def test_a_video_that_ends_within_a_frame_is_used_until_there(tmp_path: Path) ->
     clip = clip_of(video, tmp_path / "clip")
     assert 3 <= len(clip.frames) < 9
     assert any("ends early" in note for note in clip.notes)
+
+
+def test_an_empty_video_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty.mp4").touch()
+    with pytest.raises(InputError, match=r"empty\.mp4: is empty \(0 bytes\); copy it again"):
+        clip_of(tmp_path / "empty.mp4", tmp_path / "clip")
+
+
+@pytest.mark.parametrize(("count", "wanted"), [(15, 8), (15, 15), (9, 150), (14, 3)])
+@pytest.mark.parametrize("kind", ["video", "folder"])
+def test_as_many_frames_as_asked_for_evenly_spread(tmp_path: Path, count: int, wanted: int, kind: str) -> None:
+    images = aerial.pictures(aerial.arc(count))
+    source = tmp_path / "flight.mp4"
+    if kind == "video":
+        write_video(source, images, [i / 30 for i in range(count)])
+    else:
+        source = aerial.write(tmp_path / "frames", images)
+    clip = clip_of(source, tmp_path / "clip", Selection(max_frames=wanted))
+    ranks = [round(f.time_s * 30) for f in clip.frames]
+    assert len(ranks) == min(wanted, count)
+    assert max(np.diff(ranks)) <= 2 * count / min(wanted, count)
+
+
+def test_a_range_behind_the_end_or_without_a_frame(tmp_path: Path) -> None:
+    source = aerial.write(tmp_path / "frames", IMAGES)
+    for selection in (Selection(source_fps=10, start_s=5), Selection(source_fps=10, start_s=0.11, end_s=0.19)):
+        with pytest.raises(InputError, match=r"no frame lies between .* from 0\.00 s to 0\.80 s; choose a range"):
+            make_clip(*_opened(source, selection), selection, [], tmp_path, lambda *_: None)
+    # An end that lies behind the input's takes nothing away.
+    clip = clip_of(source, tmp_path / "clip", Selection(source_fps=10, end_s=100, max_frames=9))
+    assert len(clip.frames) == 9
+
+
+def _opened(path: Path, selection: Selection) -> tuple[Any, list[float]]:
+    source = open_source(path, selection, None)
+    return source.pictures, source.times_s
+
+
+def test_the_positions_of_a_drones_subtitles_reach_the_frames(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "DJI_0001.MP4", IMAGES, [i / 10 for i in range(9)])
+    video.with_suffix(".SRT").write_text(
+        "1\n00:00:00,000 --> 00:00:00,400\n[latitude: 52.50] [longitude: 13.4] [rel_alt: 30.0 abs_alt: 91]\n\n"
+        "2\n00:00:00,400 --> 00:00:00,800\n[latitude: 52.54] [longitude: 13.4] [rel_alt: 34.0 abs_alt: 95]\n"
+    )
+    positions = [f.position for f in clip_of(video, tmp_path / "clip").frames]
+    assert [p and round(p.latitude_deg, 6) for p in positions][:5] == [52.5, 52.51, 52.52, 52.53, 52.54]
+    assert positions[2] is not None
+    assert positions[2].altitude_m == pytest.approx(32)
+
+
+def test_photographs_that_are_made_smaller_keep_their_focal_length(tmp_path: Path) -> None:
+    source = tmp_path / "photographs"
+    source.mkdir()
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 28  # focal length in 35 mm film
+    for i, image in enumerate(IMAGES[:3]):
+        Image.fromarray(image).save(source / f"{i}.jpg", quality=95, exif=exif)
+    assert open_source(source, Selection(longest_px=160), None).focal_share == pytest.approx(28 / 35, rel=0.05)
+    assert open_source(aerial.write(tmp_path / "frames", IMAGES[:3]), Selection(), None).focal_share is None
 
 
 def test_a_video_without_its_index_is_refused(tmp_path: Path) -> None:
@@ -222,7 +281,8 @@ def test_a_camera_that_only_turns(tmp_path: Path) -> None:
     source = aerial.write(tmp_path / "frames", aerial.pictures(aerial.turning()))
     with pytest.raises(InputError, match=r"no cameras could be reconstructed: the camera only turns.*--start, --end"):
         make_capture(source, tmp_path / "capture", SETTINGS, None, silent)
-    assert not (tmp_path / "capture/capture.json").exists()
+    # The same command would meet the same refusal: nothing is left that it could go on from.
+    assert not (tmp_path / "capture").exists()
 
 
 def test_frames_with_nothing_in_common(tmp_path: Path) -> None:
@@ -278,6 +338,7 @@ def test_a_full_disk_is_told_and_leaves_no_capture(tmp_path: Path) -> None:
     assert "no space is left on the disk" in ended.stderr
     assert "run the same command again" in ended.stderr
     assert not (tmp_path / "capture/capture.json").exists()
+    assert (tmp_path / "capture/work/frames.part").exists()  # from which it goes on
 
 
 @pytest.mark.parametrize(
