@@ -121,7 +121,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     def frames_step(folder: Path, progress: Progress) -> dict[str, Any]:
         for leftover in folder.glob("*.*g"):
             leftover.unlink()
-        made = make_clip(source.pictures, source.times_s, settings.selection, source.notes, folder, progress)
+        made = make_clip(source.pictures, source.times_s(), settings.selection, source.notes, folder, progress)
         return made.as_json()
 
     frames = workspace.step("frames", [stamps, dataclasses.asdict(settings.selection)], frames_step)

@@ -111,7 +111,7 @@ def tell(made: Made) -> None:
         f"{made.frames} of {made.used} frames have a pose, {made.points} points, reprojection error "
         f"{made.reprojection_px:.2f} px in frames of {width}x{height}, field of view {made.fov_deg:.0f} degrees, "
         f"{sum(made.seconds.values()):.0f} s\n"
-        f"scale: {unit}; from {made.world['scale_from']}\nup: from {made.world['up_from']}",
+        f"scale: {unit} ({made.world['scale_from']})\nup: {made.world['up_from']}",
         highlight=False,
         soft_wrap=True,
     )

@@ -37,7 +37,7 @@ def clip_of(path: Path, folder: Path, selection: Selection | None = None) -> Cli
     folder.mkdir()
     selection = selection or Selection(source_fps=10.0)
     source = open_source(path, selection, None)
-    return make_clip(source.pictures, source.times_s, selection, source.notes, folder, lambda *_: None)
+    return make_clip(source.pictures, source.times_s(), selection, source.notes, folder, lambda *_: None)
 
 
 def pixels(clip: Clip, rank: int) -> np.ndarray:
@@ -112,7 +112,7 @@ def test_a_range_behind_the_end_or_without_a_frame(tmp_path: Path) -> None:
 
 def _opened(path: Path, selection: Selection) -> tuple[Any, list[float]]:
     source = open_source(path, selection, None)
-    return source.pictures, source.times_s
+    return source.pictures, source.times_s()
 
 
 def test_the_positions_of_a_drones_subtitles_reach_the_frames(tmp_path: Path) -> None:
@@ -134,7 +134,11 @@ def test_photographs_that_are_made_smaller_keep_their_focal_length(tmp_path: Pat
     exif.get_ifd(0x8769)[0xA405] = 28  # focal length in 35 mm film
     for i, image in enumerate(IMAGES[:3]):
         Image.fromarray(image).save(source / f"{i}.jpg", quality=95, exif=exif)
-    assert open_source(source, Selection(longest_px=160), None).focal_share == pytest.approx(28 / 35, rel=0.05)
+    smaller = Selection(longest_px=160)
+    clip = clip_of(source, tmp_path / "clip", smaller)
+    assert (clip.width, clip.height) == (160, 120)
+    assert clip.source_size == (320, 240)
+    assert open_source(source, smaller, None).focal_share == pytest.approx(28 / 35, rel=0.05)
     assert open_source(aerial.write(tmp_path / "frames", IMAGES[:3]), Selection(), None).focal_share is None
 
 
@@ -193,6 +197,20 @@ def sixteen_bit(image: np.ndarray) -> Image.Image:
     return Image.fromarray((image.mean(axis=2) * 257).astype(np.uint16))
 
 
+def sixteen_bit_colour(image: np.ndarray) -> SavedByOpenCV:
+    return SavedByOpenCV(image.astype(np.uint16) * 257)
+
+
+class SavedByOpenCV:
+    """Pillow writes no 16-bit colour."""
+
+    def __init__(self, image: np.ndarray) -> None:
+        self.image = image
+
+    def save(self, path: Path) -> None:
+        path.write_bytes(cv2.imencode(path.suffix, self.image[..., ::-1])[1].tobytes())
+
+
 def with_alpha(image: np.ndarray) -> Image.Image:
     return Image.fromarray(np.dstack([image, np.full(image.shape[:2], 255, np.uint8)]))
 
@@ -201,16 +219,17 @@ def with_alpha(image: np.ndarray) -> Image.Image:
     ("convert", "ending", "grey"),
     [
         (sixteen_bit, "png", True),
+        (sixteen_bit_colour, "png", False),
         (lambda i: Image.fromarray(i).convert("L"), "png", True),
         (lambda i: Image.fromarray(i).convert("CMYK"), "jpg", False),
         (with_alpha, "png", False),
         (lambda i: Image.fromarray(i).convert("P", palette=Image.Palette.ADAPTIVE), "png", False),
         (lambda i: Image.fromarray(i), "tif", False),
     ],
-    ids=["16-bit", "grey", "CMYK", "alpha", "palette", "tif"],
+    ids=["16-bit", "16-bit colour", "grey", "CMYK", "alpha", "palette", "tif"],
 )
 def test_pictures_of_every_kind_become_8_bit_rgb(
-    tmp_path: Path, convert: Callable[[np.ndarray], Image.Image], ending: str, grey: bool
+    tmp_path: Path, convert: Callable[[np.ndarray], Any], ending: str, grey: bool
 ) -> None:
     source = tmp_path / "frames"
     source.mkdir()

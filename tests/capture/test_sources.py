@@ -220,7 +220,7 @@ def test_cameras_of_an_unknown_unit_are_not_taken_for_metres(tmp_path: Path) -> 
     opened = open_source(source, Selection(source_fps=20), None)
     assert opened.posed is not None
     assert not opened.posed.is_metric
-    assert opened.times_s == pytest.approx(np.arange(9) / 20)
+    assert opened.times_s() == pytest.approx(np.arange(9) / 20)
 
 
 def test_a_stated_field_of_view_for_cameras_that_have_theirs_is_refused(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ class Source:
 
     kind: str
     pictures: Iterable[Picture]  # in presentation order; can be gone through once
-    times_s: list[float]  # when they are shown, rising; some may turn out to be damaged
+    times_s: Callable[[], list[float]]  # of all pictures, rising, though some may turn out to be damaged
     files: tuple[Path, ...]  # all that the pictures come from: who changes one changes the input
     notes: list[str] = field(default_factory=list)  # what was left out; may grow while pictures are read
     annotations: Annotations | None = None

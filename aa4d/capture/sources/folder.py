@@ -49,7 +49,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     ]
     read = None if annotations is None else read_annotations(annotations, numbers)
     focal_share = _focal_share(files[0])
-    return Source("frames", pictures, times, tuple(files), notes, annotations=read, focal_share=focal_share)
+    return Source("frames", pictures, lambda: times, tuple(files), notes, read, focal_share=focal_share)
 
 
 def _focal_share(photograph: Path) -> float | None:

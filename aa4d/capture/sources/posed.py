@@ -65,8 +65,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     if transforms.is_file():
         index, root = transforms, path
         times_s, is_metric = _own_capture(path)
-        unit = "capture.json says that it is in metres" if is_metric else "nothing says what its unit is"
-        posed = PosedPictures(read_transforms(index), f"transforms.json, whose world is kept; {unit}", is_metric)
+        posed = PosedPictures(read_transforms(index), "transforms.json, whose world is kept", is_metric)
         if model_folder is not None:
             notes.append(f"cameras are those of transforms.json; {model_folder.relative_to(path)} is not read")
     else:
@@ -91,7 +90,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     read = None if annotations is None else read_annotations(annotations, numbers)
     beside = [*index.iterdir()] if index.is_dir() else [index, path / "capture.json"]
     sources = (*ordered, *(p for p in beside if p.is_file()))
-    return Source("reconstruction", pictures, [p.time_s for p in pictures], sources, notes, read, posed)
+    return Source("reconstruction", pictures, lambda: [p.time_s for p in pictures], sources, notes, read, posed)
 
 
 def _own_capture(path: Path) -> tuple[dict[str, float], bool]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -28,22 +30,26 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     """Frames with their presentation times; a DJI drone's subtitles of the same name give positions."""
     if annotations is not None:
         raise InputError(f"{annotations}: boxes go by frame number, and a video has none; extract its frames first")
-    times, duration = _times(path)
-    first = times[0]
     notes: list[str] = []
-    steps = np.diff(times) if len(times) > 1 else np.zeros(1)
-    if steps.max() > 1.5 * np.median(steps):
-        notes.append("variable frame rate: every frame keeps its own presentation time")
+    index = cache(partial(_index, path, notes))
     subtitles = next((p for p in (path.with_suffix(".SRT"), path.with_suffix(".srt")) if p.is_file()), None)
     track = None if subtitles is None else read_subtitles(subtitles)
     files = (path,) if subtitles is None else (path, subtitles)
-    end = max(duration, times[-1] - first)
-    pictures = _frames(path, selection, track, first, end, EARLY_STEPS * float(np.median(steps)), notes)
-    return Source("video", pictures, [t - first for t in times], files, notes)
+    return Source("video", _frames(path, selection, track, index, notes), lambda: index().times_s, files, notes)
 
 
-def _times(path: Path) -> tuple[list[float], float]:
-    """Presentation times in the stream's own seconds, nothing decoded, and the duration that the container states.
+@dataclass(frozen=True)
+class Index:
+    """What a video says of its frames before one is decoded."""
+
+    first_s: float  # when the first is shown, by the stream's own clock
+    times_s: list[float]  # from the first
+    step_s: float  # median
+    end_s: float  # by the container's word, where it has one
+
+
+def _index(path: Path, notes: list[str]) -> Index:
+    """Read the file through once, nothing decoded.
 
     Raises:
         InputError: the file is no video.
@@ -75,16 +81,20 @@ def _times(path: Path) -> tuple[list[float], float]:
             ) from None
     if not times:
         raise InputError(f"{path}: holds no frame; copy it again")
-    return sorted(times), duration
+    shown = np.sort(times) - min(times)
+    steps = np.diff(shown) if len(shown) > 1 else np.zeros(1)
+    if steps.max() > 1.5 * np.median(steps):
+        notes.append("variable frame rate: every frame keeps its own presentation time")
+    return Index(min(times), shown.tolist(), float(np.median(steps)), max(duration, float(shown[-1])))
 
 
 def _frames(
-    path: Path, selection: Selection, track: Track | None, first: float, end: float, early: float, notes: list[str]
+    path: Path, selection: Selection, track: Track | None, index: Callable[[], Index], notes: list[str]
 ) -> Iterator[Picture]:
-    """Decode in presentation order; where the data end `early` or more before `end`, in seconds, a note says so."""
+    """Decode in presentation order; where the data end early, what was decoded is used and a note says so."""
     import av
 
-    last = 0.0
+    first, end, last = index().first_s, index().end_s, 0.0
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
@@ -100,7 +110,7 @@ def _frames(
                 yield Picture(f"{last:.3f} s", last, None, _loader(frame), position=position)
     except av.FFmpegError:
         pass  # what follows says so
-    if last + early < end:
+    if last + EARLY_STEPS * index().step_s < end:
         notes.append(f"the video ends early, at {last:.2f} s of {end:.2f} s: the frames until then are used")
 
 
