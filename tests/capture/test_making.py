@@ -156,6 +156,14 @@ def test_an_altitude_gives_the_scale(flight: Path, made: Made, tmp_path: Path) -
     assert np.median(depths) == pytest.approx(42, rel=0.02)
 
 
+def test_the_accurate_preset_sees_more(flight: Path, made: Made, tmp_path: Path) -> None:
+    settings = replace(SETTINGS, preset="accurate", reconstruction=PRESETS["accurate"])
+    accurate = make(flight, tmp_path / "capture", settings)
+    assert accurate.frames == 9
+    assert accurate.points > 1.2 * made.points
+    assert pose_errors(accurate.folder, aerial.arc())[0] < 0.15
+
+
 def test_a_known_field_of_view_is_kept(flight: Path, tmp_path: Path) -> None:
     made = make(flight, tmp_path / "capture", replace(SETTINGS, fov_deg=50.0))
     # That of the undistorted frames is a little less: their edges are cut.
