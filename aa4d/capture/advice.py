@@ -36,9 +36,9 @@ def field_of_view_advice(geometry: dict[str, int], fov_deg: float, was_kept: boo
         return []
     origin = "are the usual ones, taken because the frames gave impossible ones," if was_kept else "were found here"
     said = (
-        f"The frames hardly tell the field of view: {flat} of {pairs} pairs look like pictures of one plane, as flat "
-        f"ground does. The {fov_deg:.0f} degrees that {origin} can be far off, and all heights with them, however "
-        "low the reprojection error is. If you know the camera's, give --fov."
+        f"The frames hardly tell the field of view: {flat} of {pairs} pairs look like pictures of one plane (the "
+        f"ground is flat, or little way was flown between them). The {fov_deg:.0f} degrees that {origin} can be far "
+        "off, and all heights with them, however low the reprojection error is. If you know the camera's, give --fov."
     )
     return [said]
 
