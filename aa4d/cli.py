@@ -9,6 +9,7 @@ from collections.abc import Callable
 import tyro
 from rich.console import Console
 
+from aa4d import __version__
 from aa4d.commands.ablate import ablate
 from aa4d.commands.bench import bench
 from aa4d.commands.capture import capture
@@ -50,6 +51,9 @@ for name, command in COMMANDS.items():
 
 
 def main() -> None:
+    if sys.argv[1:] == ["--version"]:
+        print(f"aa4d {__version__}")
+        return
     try:
         app.cli(prog="aa4d", description=DESCRIPTION)
     except InputError as error:

@@ -65,7 +65,7 @@ def run_demo(
         raise InputError(f"{scene}: no such scene file; scenes/ holds some")
     make_folder(out)
     record = Record(out / "seconds.json")
-    for stage in stages(scene, out, config, record, training_progress, step_progress):
+    for stage in stages(scene, out, config, record, training_progress, step_progress, console):
         if stage.is_done(record):
             seconds = record.seconds[stage.name]
             console.print(f"[bold]{stage.name}[/bold]: done before ({seconds:.0f} s)", highlight=False, markup=True)
@@ -90,6 +90,7 @@ def stages(
     record: Record,
     training_progress: MakeTrainingProgress,
     step_progress: MakeStepProgress,
+    console: Console,
 ) -> list[Stage]:
     capture, run = out / "capture", out / "run"
     model, metrics = out / "model.safetensors", out / "metrics.json"
@@ -101,7 +102,7 @@ def stages(
 
     def fit() -> None:
         with training_progress() as progress:
-            copy_model(train(read_capture(capture), run, config, progress), model)
+            copy_model(train(read_capture(capture), run, config, progress, say=console.print), model)
 
     def score() -> None:
         with step_progress("held-out frames") as progress:

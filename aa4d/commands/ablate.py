@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
+from aa4d.commands.experiment_options import Options
+
 
 def ablate(
     what: Annotated[
@@ -14,16 +16,10 @@ def ablate(
         arg(help="modules: product, then ACFA, DLGD and DACW. aggregation: ACFA beside its four rivals."),
     ],
     captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
-    out: Annotated[Path, arg(help="Folder for the runs and the tables.")],
-    seeds: Annotated[int, arg(help="Runs of each variant on each capture; they make the spread.")] = 3,
-    preset: Annotated[Literal["quick", "standard", "paper"], arg(help="As of `aa4d train`.")] = "quick",
-    iterations: Annotated[
-        tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
-    ] = None,
-    jobs: Annotated[int, arg(help="Runs at a time; with several, each has one thread.")] = 1,
+    experiment: Options,
 ) -> None:
     """Train and score the variants of one of the paper's ablation tables; stopped, the same command continues."""
     from aa4d.experiments.command import run
     from aa4d.experiments.variants import ABLATIONS
 
-    run(ABLATIONS[what], captures, out, preset=preset, iterations=iterations, seeds=seeds, jobs=jobs)
+    run(ABLATIONS[what], captures, **vars(experiment))

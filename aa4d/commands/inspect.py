@@ -19,5 +19,7 @@ def inspect(
     from aa4d.inspection.page import inspect as run_inspection
 
     with step_progress("pictures") as progress:
-        page = run_inspection(run, capture, out or run / "inspect", progress)
+        page, note = run_inspection(run, capture, out or run / "inspect", progress)
+    if note:
+        console.print(note, highlight=False, soft_wrap=True)
     console.print(f"page: {page}", highlight=False, soft_wrap=True)

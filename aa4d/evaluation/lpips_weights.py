@@ -146,7 +146,10 @@ def _obtain(candidates: tuple[WeightsFile, ...], download: bool, progress: Progr
     wanted = candidates[0]
     if not download or wanted.url is None:
         where = " and ".join(str(folder) for folder in searched)
-        raise NotAvailable(f"{wanted.name} is not in {where}")
+        how = f"copy it there, or set {VARIABLE} to its folder"
+        if wanted.url is not None:
+            how = f"`aa4d eval --lpips` downloads it, or set {VARIABLE} to its folder"
+        raise NotAvailable(f"{wanted.name} is not in {where}; {how}")
     try:
         make_folder(searched[0])
     except InputError:

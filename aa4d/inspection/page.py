@@ -17,7 +17,7 @@ from PIL import Image
 from aa4d.capture.reader import Capture, moving_mask, read_image
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import capture_of
-from aa4d.files import make_folder, whole_file, write_text
+from aa4d.files import whole_file, write_text
 from aa4d.filming.camera_path import View
 from aa4d.filming.layers import LAYERS, Layer, colored, draw, scale_of
 from aa4d.inspection.history import history_figure, read_history
@@ -25,8 +25,10 @@ from aa4d.inspection.motion_groups import groups_by_motion, groups_by_truth
 from aa4d.inspection.warp import stretch, warp_figure
 from aa4d.inspection.weights import planes_figure, summary, weights_figure, weights_over_time
 from aa4d.model_file import LoadedModel, load_model
+from aa4d.output_folder import claim_folder
 
 PAINTED_FRAMES = 2
+INDEX = "inspect.json"
 
 
 class Pictures:
@@ -51,17 +53,19 @@ class Pictures:
         return "data:image/png;base64," + base64.b64encode(content).decode("ascii")
 
 
-def inspect(run: Path, capture_folder: Path | None, out: Path, progress: Callable[[int, int], None]) -> Path:
+def inspect(
+    run: Path, capture_folder: Path | None, out: Path, progress: Callable[[int, int], None]
+) -> tuple[Path, str | None]:
     """Write `out`/index.html and its pictures.
 
     Args:
         capture_folder: where the capture lies; None to follow the model file, and to do without if it is not there.
 
     Returns:
-        The path of the page.
+        The path of the page, and what it does without and why.
 
     Raises:
-        InputError: no model, a model of the coarse stage, or another capture.
+        InputError: no model, a model of the coarse stage, another capture, or `out` holds something else.
     """
     steps = 5
     loaded = load_model(run / "model.safetensors")
@@ -69,10 +73,15 @@ def inspect(run: Path, capture_folder: Path | None, out: Path, progress: Callabl
         raise InputError(f"{loaded.path}: is of the coarse stage, in which nothing moves yet; train it further")
     coarse = load_model(run / "coarse.safetensors") if (run / "coarse.safetensors").exists() else None
     history = read_history(run / "history.csv")
-    capture = None
+    capture = note = None
     if capture_folder is not None or (loaded.capture_folder is not None and loaded.capture_folder.is_dir()):
         capture = capture_of(loaded, capture_folder)
-    make_folder(out)
+    else:
+        note = (
+            f"{loaded.capture_folder}: the capture is not there; the page does without its frames, and motion is the "
+            "model's own (--capture says where it is)"
+        )
+    claim_folder(out, INDEX, {"page": "aa4d inspect"}, "pages of `aa4d inspect`")
     pictures = Pictures(out)
     _remove_pictures(out, loaded)
     progress(1, steps)
@@ -102,7 +111,7 @@ def inspect(run: Path, capture_folder: Path | None, out: Path, progress: Callabl
     page = out / "index.html"
     write_text(page, environment.get_template("page.html.jinja").render(context))
     progress(5, steps)
-    return page
+    return page, note
 
 
 def _remove_pictures(out: Path, loaded: LoadedModel) -> None:

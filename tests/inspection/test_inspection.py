@@ -115,7 +115,7 @@ def test_the_stretch_is_the_slope_of_the_warp(loaded: LoadedModel) -> None:
 
 def test_the_page_holds_everything_itself(run: Path) -> None:
     (run / "history.csv").unlink()
-    page = inspect(run, None, run / "inspect", silent)
+    page, _ = inspect(run, None, run / "inspect", silent)
     html = page.read_text()
     sources = re.findall(r'(?:src|href)="([^"]*)"', html)
     assert len(sources) == 2 * 4 + 2 + 3  # two frames, two scales, three plots
@@ -133,7 +133,10 @@ def test_the_page_does_without_a_capture(run: Path) -> None:
     inspect(run, None, run / "inspect", silent)
     (run / "inspect/notes.png").touch()
     shutil.rmtree(run.parent / "capture")
-    html = inspect(run, None, run / "inspect", silent).read_text()
+    page, note = inspect(run, None, run / "inspect", silent)
+    html = page.read_text()
+    assert note is not None
+    assert "capture is not there" in note
     # The frames of the first page are gone, and nothing else.
     assert not list((run / "inspect").glob("*_frame.png"))
     assert (run / "inspect/notes.png").exists()
@@ -150,7 +153,7 @@ def test_the_growth_of_the_anchors_is_shown(run: Path) -> None:
     assert history is not None
     assert len(history) == 40
     assert (history[-1].step, history[-1].stage, history[-1].anchors) == (40, "fine", 140)
-    html = inspect(run, None, run / "inspect", silent).read_text()
+    html = inspect(run, None, run / "inspect", silent)[0].read_text()
     assert "anchors over training" in html
     assert (run / "inspect/history.png").exists()
 
@@ -175,3 +178,12 @@ def test_the_coarse_stage_has_nothing_to_look_into(run: Path) -> None:
     with pytest.raises(InputError, match="of the coarse stage"):
         inspect(run, None, run / "inspect", silent)
     assert not (run / "inspect").exists()
+
+
+def test_a_folder_with_other_files_is_not_written_into(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "photos"
+    out.mkdir()
+    (out / "holiday.jpg").touch()
+    with pytest.raises(InputError, match="not empty and not pages of `aa4d inspect`"):
+        inspect(run, None, out, silent)
+    assert [path.name for path in out.iterdir()] == ["holiday.jpg"]

@@ -1,0 +1,23 @@
+"""What `aa4d ablate` and `aa4d sweep` share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import OmitArgPrefixes, arg
+
+
+@dataclass(frozen=True)
+class ExperimentOptions:
+    out: Annotated[Path, arg(help="Folder for the runs and the tables.")]
+    seeds: Annotated[int, arg(help="Runs of each variant on each capture; they make the spread.")] = 3
+    preset: Annotated[Literal["quick", "standard", "paper"], arg(help="As of `aa4d train`.")] = "quick"
+    iterations: Annotated[
+        tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
+    ] = None
+    jobs: Annotated[int, arg(help="Runs at a time; with several, each has one thread.")] = 1
+
+
+Options = OmitArgPrefixes[ExperimentOptions]
