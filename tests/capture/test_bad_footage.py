@@ -63,6 +63,17 @@ def test_rate_and_range_of_a_video(tmp_path: Path) -> None:
     assert np.abs(pixels(clip, 2) - IMAGES[round(clip.frames[2].time_s * 10 - 0.5)]).mean() < 12
 
 
+@pytest.mark.parametrize("ending", ["mp4", "mov", "mkv", "ts"])
+def test_every_container_can_be_entered_in_the_middle(tmp_path: Path, ending: str) -> None:
+    """One key frame, frames out of order. An MPEG stream has no index: a jump can land where nothing can be decoded."""
+    video = write_video(tmp_path / f"flight.{ending}", IMAGES, [i / 25 for i in range(9)], codec="libx264")
+    selection = Selection(start_s=0.199, rate=1000)
+    clip = clip_of(video, tmp_path / "clip", selection)
+    assert [f.time_s for f in clip.frames] == pytest.approx([i / 25 for i in range(5, 9)], abs=2e-3)
+    assert np.abs(pixels(clip, 0) - IMAGES[5]).mean() < 12
+    assert clip.notes == ()
+
+
 def test_a_variable_frame_rate_is_kept_and_told(tmp_path: Path) -> None:
     times = [0, 0.04, 0.08, 0.3, 0.34, 0.38, 0.6, 0.64, 0.9]
     clip = clip_of(write_video(tmp_path / "phone.mp4", IMAGES, times), tmp_path / "clip", Selection(rate=1000))

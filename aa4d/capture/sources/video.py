@@ -99,12 +99,7 @@ def _frames(
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
-            if selection.start_s > 0 and stream.time_base is not None:
-                # To the key frame before; the frames until then are decoded and dropped.
-                container.seek(int((selection.start_s + first) / stream.time_base), stream=stream)
-            for frame in container.decode(stream):
-                if frame.pts is None or frame.is_corrupt:
-                    continue
+            for frame in _decoded_from(selection.start_s + first, container, stream):
                 last = float(frame.pts * (frame.time_base or 0)) - first
                 position = None if track is None else track.at(last)
                 yield Picture(f"{last:.3f} s", last, None, _loader(frame), position=position)
@@ -112,6 +107,23 @@ def _frames(
         pass  # what follows says so
     if last + EARLY_STEPS * index().step_s < end:
         notes.append(f"the video ends early, at {last:.2f} s of {end:.2f} s: the frames until then are used")
+
+
+def _decoded_from(start_s: float, container: Any, stream: Any) -> Iterator[Any]:
+    """Whole frames, from the key frame before `start_s` or, where the file cannot be entered there, an earlier one."""
+
+    def decoded() -> Iterator[Any]:
+        return (f for f in container.decode(stream) if f.pts is not None and not f.is_corrupt)
+
+    container.seek(int(start_s / stream.time_base), stream=stream)
+    frames = decoded()
+    head = next(frames, None)
+    if head is not None and head.pts * head.time_base <= start_s + 1e-6:
+        yield head
+    else:
+        container.seek(0)
+        frames = decoded()
+    yield from frames
 
 
 def _loader(frame: Any) -> Callable[[], NDArray[np.uint8]]:
