@@ -89,7 +89,7 @@ def bench(
         seconds: of timed iterations, and again of timed frames, for each workload.
     """
     console = console or Console()
-    os.environ.setdefault("KINETO_LOG_LEVEL", "5")  # the profiler tells when it starts and stops
+    os.environ.setdefault("KINETO_LOG_LEVEL", "6")  # the profiler says on stderr when it starts and stops
     rows: dict[Workload, Row] = {}
 
     def measured(workload: Workload) -> Row:
