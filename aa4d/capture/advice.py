@@ -6,6 +6,8 @@ NOTHING_RECONSTRUCTED = "no cameras could be reconstructed"
 GOOD_SHARE = 0.95
 GOOD_ERROR_PX = 1.0
 TURNING = ("PANORAMIC", "PLANAR_OR_PANORAMIC")
+FLAT = ("PLANAR", *TURNING)
+FLAT_SHARE = 0.9  # of the pairs: with more, next to nothing in the frames tells the focal length
 
 
 def no_model_advice(geometry: dict[str, int]) -> str:
@@ -25,6 +27,20 @@ def no_model_advice(geometry: dict[str, int]) -> str:
         "the frames match but no pair shows enough parallax to start from; use more of the clip, frames further apart "
         "(--rate), or --preset accurate"
     )
+
+
+def field_of_view_advice(geometry: dict[str, int], fov_deg: float, was_kept: bool) -> list[str]:
+    """Of a reconstruction whose focal length nobody stated: how far the frames themselves tell it."""
+    pairs, flat = sum(geometry.values()), sum(geometry.get(kind, 0) for kind in FLAT)
+    if not was_kept and flat <= FLAT_SHARE * pairs:
+        return []
+    origin = "are the usual ones, taken because the frames gave impossible ones," if was_kept else "were found here"
+    said = (
+        f"The frames hardly tell the field of view: {flat} of {pairs} pairs look like pictures of one plane (the "
+        f"ground is flat, or little way was flown between them). The {fov_deg:.0f} degrees that {origin} can be far "
+        "off, and all heights with them, however low the reprojection error is. If you know the camera's, give --fov."
+    )
+    return [said]
 
 
 def advice(registered_share: float, error_px: float, other_models: int, gaps: int, blurred: int) -> list[str]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from aa4d.errors import InputError
 
+MOST_OUTSIDE = 0.02  # of the boxes: genuine ones reach over the edge, their middles do not
 VISDRONE_IGNORED = 0  # category: a region that nobody has annotated
 
 
@@ -23,6 +24,17 @@ class Annotations:
     file: Path
     layout: str
     boxes: dict[int, NDArray[np.float64]]  # frame number -> [M, 4]
+
+    def check_size(self, width: int, height: int) -> None:
+        """Raises InputError where the boxes are of larger pictures than the sequence has."""
+        every = np.concatenate([*self.boxes.values(), np.zeros((0, 4))])
+        middle = every[:, :2] + every[:, 2:] / 2
+        outside = int(((middle < 0) | (middle > [width, height])).any(axis=1).sum())
+        if outside > MOST_OUTSIDE * len(every):
+            raise InputError(
+                f"{self.file}: {outside} of {len(every)} boxes lie outside of the frames, which are {width}x{height}: "
+                "give the annotations of this sequence, and its frames at their own size"
+            )
 
     def of(self, number: int | None) -> NDArray[np.float64]:
         return self.boxes.get(-1 if number is None else number, np.zeros((0, 4)))
@@ -35,7 +47,7 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
         numbers: of the frames, as their file names have them.
 
     Raises:
-        InputError: another layout, a damaged row, or frames without numbers.
+        InputError: another layout, a damaged row, no frame in common, or frames without numbers.
     """
     if numbers is None:
         raise InputError(f"{path}: boxes go by frame number, and the frames' file names have none; rename the frames")
@@ -60,14 +72,22 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
     table = np.array(rows)
     if table.shape[1] == 10:
         table = table[table[:, 7] != VISDRONE_IGNORED]
-        return Annotations(path, "VisDrone", _by_frame(table[:, 0], table[:, 2:6]))
-    if table.shape[1] == 9:
-        return Annotations(path, "UAVDT", _by_frame(table[:, 0], table[:, 2:6]))
-    if table.shape[1] == 4:
-        return Annotations(path, "one box a frame", _by_frame(np.arange(1.0, len(table) + 1), table))
-    raise InputError(
-        f"{path}: rows have {table.shape[1]} columns; known are 10 (VisDrone), 9 (UAVDT) and 4 (one box a frame)"
-    )
+        layout, boxes = "VisDrone", _by_frame(table[:, 0], table[:, 2:6])
+    elif table.shape[1] == 9:
+        layout, boxes = "UAVDT", _by_frame(table[:, 0], table[:, 2:6])
+    elif table.shape[1] == 4:
+        layout, boxes = "one box a frame", _by_frame(np.arange(1.0, len(table) + 1), table)
+    else:
+        raise InputError(
+            f"{path}: rows have {table.shape[1]} columns; known are 10 (VisDrone), 9 (UAVDT) and 4 (one box a frame): "
+            "give a file of one of these kinds, or no --annotations"
+        )
+    if boxes and not boxes.keys() & set(numbers):
+        raise InputError(
+            f"{path}: its boxes are of frames {min(boxes)} to {max(boxes)}, and the input's frames are numbered "
+            f"{min(numbers)} to {max(numbers)}: give this sequence's own with --annotations"
+        )
+    return Annotations(path, layout, boxes)
 
 
 def _by_frame(frame: NDArray[np.float64], boxes: NDArray[np.float64]) -> dict[int, NDArray[np.float64]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +20,14 @@ def extract(
     clip: Clip,
     masks: Path | None,
     settings: Reconstruction,
-    fov_deg: float | None,
+    focal_px: float | None,
     threads: int,
     folder: Path,
     progress: Progress,
 ) -> dict[str, Any]:
     """Write `database.db` into `folder`; frames that it holds already are left as they are.
 
-    All frames are of one camera. Its focal length is that of the field of view, where given; else it is guessed, from
-    EXIF or as drones have it, until it is solved for.
+    All frames are of one camera. Where nothing says its focal length, it is guessed, as drones have it.
     """
     database = folder / "database.db"
     options = pycolmap.FeatureExtractionOptions()
@@ -39,9 +37,8 @@ def extract(
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = settings.camera_model
     reader.default_focal_length_factor = USUAL_FOCAL
-    if fov_deg is not None:
-        focal = 0.5 * clip.width / math.tan(math.radians(fov_deg) / 2)
-        camera = pycolmap.Camera.create_from_model_name(1, settings.camera_model, focal, clip.width, clip.height)
+    if focal_px is not None:
+        camera = pycolmap.Camera.create_from_model_name(1, settings.camera_model, focal_px, clip.width, clip.height)
         reader.camera_params = camera.params_to_string()
     if masks is not None:
         reader.mask_path = masks

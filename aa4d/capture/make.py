@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +15,9 @@ import pycolmap
 from numpy.typing import NDArray
 
 from aa4d.capture import features, mapping, matching, movers
-from aa4d.capture.advice import advice
+from aa4d.capture.advice import advice, field_of_view_advice
 from aa4d.capture.clip import Clip
-from aa4d.capture.orientation import Similarity, World, find_world
+from aa4d.capture.orientation import World, find_world, kept_world
 from aa4d.capture.pictures import save_png
 from aa4d.capture.report import write_report
 from aa4d.capture.selection import make_clip, some
@@ -23,8 +25,8 @@ from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import CaptureSettings
 from aa4d.capture.sources import Source, open_source
 from aa4d.capture.undistortion import Undistortion, pinhole_of, pinhole_pixels, viewmat_of
-from aa4d.capture.workspace import Progress, Workspace
-from aa4d.capture.writing import Cloud, Shot, write_capture
+from aa4d.capture.workspace import DiskFullError, Progress, Workspace
+from aa4d.capture.writing import Cloud, Shot, publish, write_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import make_folder, read_json_object, write_json
 
@@ -40,7 +42,8 @@ class Made:
     frames: int  # in the capture
     used: int  # frames of the input that were tried
     points: int
-    reprojection_px: float
+    reprojection_px: float  # median, in frames of that size
+    size: tuple[int, int]  # of the capture's frames: width and height
     fov_deg: float  # horizontal, of the capture's frames
     world: dict[str, Any]
     notes: tuple[str, ...]
@@ -54,6 +57,9 @@ def make_capture(
 ) -> Made:
     """Make the capture `out` of `path`, or go on where an earlier call stopped.
 
+    What was done is kept after Ctrl-C, a crash and on a full disk. After any other refusal, which the same command
+    would only meet again, nothing is left of a new capture, and an earlier one stays as it was.
+
     Args:
         watch: called as each step begins, with its name and whether it was done before; returns its progress.
 
@@ -61,25 +67,47 @@ def make_capture(
         InputError: bad input; one sentence that says what to do.
         Interrupted: Ctrl-C; what was done is kept.
     """
+    if annotations is not None and settings.movers == "off":
+        raise InputError(
+            f"{annotations}: boxes are for masks, which --movers off switches off; leave out one of the two"
+        )
     source = open_source(path, settings.selection, annotations)
+    if source.posed is not None and settings.fov_deg is not None:
+        raise InputError(f"{path}: gives its cameras and their field of view; leave out --fov")
+    out = out.resolve() if ".." in out.parts else out  # `new/../used` is `used`
+    was_there = out.exists()
     _claim(path, out)
     workspace = Workspace(out / "work", watch)
     try:
         return _make(path, out, settings, source, workspace)
     except KeyboardInterrupt:
         raise Interrupted(f"stopped; {out / 'work'} keeps what is done, and the same command continues there") from None
+    except DiskFullError:
+        raise
+    except InputError:
+        _withdraw(out, was_there)
+        raise
+
+
+def _withdraw(out: Path, was_there: bool) -> None:
+    if (out / "capture.json").exists():
+        unfinished = [*(out / "work").glob("*.part")]
+    else:
+        unfinished = [out / "work", *([] if was_there else [out])]
+    for folder in unfinished:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _claim(path: Path, out: Path) -> None:
     """Raises InputError where `out` holds something other than a capture of this input."""
-    record = out.resolve() / "work" / "input.json"  # resolved: `new/../used` is `used`
+    record = out / "work" / "input.json"
     resolved = str(path.resolve())
     if record.is_file():
         other = read_json_object(record, "the record of a capture's input").get("input")
         if other != resolved:
             raise InputError(f"{out}: holds a capture of {other}; choose a new folder with --out")
         return
-    if out.resolve().is_dir() and any(out.resolve().iterdir()):
+    if out.is_dir() and any(out.iterdir()):
         raise InputError(f"{out}: not empty, and no unfinished work of `aa4d capture`; choose a new folder with --out")
     make_folder(record.parent)
     write_json(record, {"input": resolved})
@@ -93,7 +121,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     def frames_step(folder: Path, progress: Progress) -> dict[str, Any]:
         for leftover in folder.glob("*.*g"):
             leftover.unlink()
-        made = make_clip(source.pictures, source.duration_s, settings.selection, source.notes, folder, progress)
+        made = make_clip(source.pictures, source.times_s(), settings.selection, source.notes, folder, progress)
         return made.as_json()
 
     frames = workspace.step("frames", [stamps, dataclasses.asdict(settings.selection)], frames_step)
@@ -112,13 +140,13 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
 
     geometry: dict[str, Any] = {"geometry": {}, "gaps": []}
     posed = source.posed
+    is_stated = settings.fov_deg is not None
+    focal_px = _focal_px(settings.fov_deg, source.focal_share, clip)
     if posed is None or not posed.has_points:
         found = workspace.step(
             "features",
-            [how.features, how.longest_px, how.camera_model, settings.fov_deg],
-            lambda folder, progress: features.extract(
-                clip, masks, how, settings.fov_deg, settings.threads, folder, progress
-            ),
+            [how.features, how.longest_px, how.camera_model, focal_px],
+            lambda folder, progress: features.extract(clip, masks, how, focal_px, settings.threads, folder, progress),
         )
         matched = workspace.step(
             "matches",
@@ -129,13 +157,12 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         )
         geometry = matched.result
         database = matched.folder / "database.db"
-    known = settings.fov_deg is not None
     if posed is None:
         mapped = workspace.step(
             "cameras",
             [how.global_refinements, how.grown_by, settings.seed],
             lambda folder, progress: mapping.reconstruct(
-                clip, database, geometry["geometry"], how, known, settings.threads, settings.seed, folder, progress
+                clip, database, geometry["geometry"], how, is_stated, settings.threads, settings.seed, folder, progress
             ),
         )
     elif not posed.has_points:
@@ -193,22 +220,26 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     }
     observations = _observations(in_order, model, pinhole, shots)
 
-    def assemble_step(_: Path, progress: Progress) -> dict[str, Any]:
+    shrunk = pinhole.K[0, 0] / float(np.median([c.focal_length_x for c in cameras]))
+
+    def assemble_step(folder: Path, progress: Progress) -> dict[str, Any]:
         progress(0, 2)
         name = path.stem if path.is_file() else path.resolve().name
-        write_capture(out, name, pictures.folder, pinhole, shots, cloud, generator)
+        write_capture(folder, name, pictures.folder, pinhole, shots, cloud, generator)
         progress(1, 2)
-        checked = check_capture(out, observations)
+        checked = check_capture(folder, observations, shrunk)
+        publish(folder, out)
         progress(2, 2)
         return checked
 
-    checked = workspace.step("capture", [generator, settings.altitude_m], assemble_step).result
     if not (out / "capture.json").exists():
-        # Somebody deleted it: the step's folder alone does not make a capture.
-        assemble_step(workspace.folder, lambda *_: None)
-    said = advice(
+        workspace.forget("capture")  # somebody deleted it
+    checked = workspace.step("capture", [generator, settings.altitude_m], assemble_step).result
+    fov_deg = 2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0])))
+    said = [] if posed or focal_px else field_of_view_advice(geometry["geometry"], fov_deg, result["focal_was_kept"])
+    said += advice(
         len(shots) / len(clip.frames),
-        checked["reprojection_px"]["median"],
+        checked["reprojection_px"]["median"] / shrunk,
         len(result["other_models"]),
         len(geometry["gaps"]),
         sum("blurred" in note for note in notes),
@@ -219,7 +250,8 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         used=len(clip.frames),
         points=len(cloud.positions),
         reprojection_px=checked["reprojection_px"]["median"],
-        fov_deg=2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0]))),
+        size=(pinhole.width, pinhole.height),
+        fov_deg=fov_deg,
         world=world.as_json(),
         notes=tuple(notes),
         advice=tuple(said),
@@ -231,6 +263,13 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     return made
 
 
+def _focal_px(fov_deg: float | None, share: float | None, clip: Clip) -> float | None:
+    """Of the clip's frames, as the user or else EXIF says; None where neither does."""
+    if fov_deg is not None:
+        return 0.5 * clip.width / math.tan(math.radians(fov_deg) / 2)
+    return None if share is None else share * max(clip.width, clip.height)
+
+
 def movers_kind(source: Source) -> str:
     return "epipolar motion" if source.annotations is None else f"boxes ({source.annotations.layout})"
 
@@ -240,11 +279,6 @@ def _left_out(clip: Clip, result: dict[str, Any]) -> list[str]:
     said = []
     if result["attempts"] > 1:
         said.append(f"the cameras were found with lowered thresholds, at attempt {result['attempts']}: see the report")
-    if result["focal_was_kept"]:
-        said.append(
-            "the frames do not tell the field of view (flat ground, little change of direction), and the usual one was "
-            "taken: if you know the camera's, give --fov"
-        )
     for ranks in result["other_models"]:
         first, last = clip.frames[ranks[0]], clip.frames[ranks[-1]]
         said.append(
@@ -280,10 +314,9 @@ def _points_of(model: Any) -> Cloud:
 def _world(
     in_order: list[tuple[Any, int]], clip: Clip, points: Floats, source: Source, settings: CaptureSettings
 ) -> World:
-    if source.posed is not None and source.posed.z_is_up:
-        same = Similarity(1.0, np.eye(3), np.zeros(3))
-        return World(same, "unit", "the input: its world is kept", "the input: its world is kept", None, None)
     viewmats = np.array([viewmat_of(image) for image, _ in in_order])
+    if source.posed is not None and source.posed.world is not None:
+        return kept_world(viewmats, points, source.posed.world, source.posed.is_metric, settings.altitude_m)
     positions = [clip.frames[rank].position for _, rank in in_order]
     return find_world(viewmats, points, positions, settings.altitude_m, settings.seed)
 

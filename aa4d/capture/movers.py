@@ -49,9 +49,10 @@ def mask_path(folder: Path, file: str) -> Path:
 
 
 def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progress: Progress) -> Movers:
-    """One mask a frame, black where something moves."""
+    """One mask a frame, black where something moves. Raises InputError where the boxes are not of these frames."""
     notes: list[str] = []
     if annotations is not None:
+        annotations.check_size(*clip.source_size)
         masks: Callable[[int], Mask] = lambda i: box_mask(clip, annotations.of(clip.frames[i].number))  # noqa: E731
     else:
         masks = EpipolarMotion(clip).mask
@@ -67,7 +68,7 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
         shares.append(float(moving.mean()))
         progress(i + 1, len(clip.frames))
     if annotations is not None and annotations.boxes and not any(f.number in annotations.boxes for f in clip.frames):
-        notes.append(f"{annotations.file} has no box for any frame used: no mover is masked; frames count from 1 there")
+        notes.append(f"{annotations.file} has no box for any frame used: no mover is masked")
     return Movers("epipolar" if annotations is None else "boxes", shares, notes)
 
 

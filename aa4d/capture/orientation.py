@@ -93,13 +93,27 @@ def find_world(
     return World(
         placed,
         "unit" if altitude_m is None else "metres",
-        "nothing: 1 unit is the median distance from the cameras to what they see"
+        "nothing says it: 1 unit is the median distance from the cameras to what they see"
         if altitude_m is None
-        else f"--altitude: the median distance from the cameras to what they see is {altitude_m:g} m",
+        else stated(altitude_m),
         "the ground: the plane that most points lie on",
         None,
         None,
     )
+
+
+def kept_world(viewmats: Floats, points: Floats, source: str, is_metric: bool, altitude_m: float | None) -> World:
+    """The world of cameras that were given with one; `source` names it. An altitude gives a scale where it has none."""
+    scale, unit, scale_from = 1.0, "metres", f"{source}; capture.json says that it is in metres"
+    if altitude_m is not None and not is_metric:
+        scale, scale_from = altitude_m / viewing_distance(viewmats, points), stated(altitude_m)
+    elif not is_metric:
+        unit, scale_from = "unit", f"{source}; nothing says what its unit is"
+    return World(Similarity(scale, np.eye(3), np.zeros(3)), unit, scale_from, source, None, None)
+
+
+def stated(altitude_m: float) -> str:
+    return f"--altitude: the median distance from the cameras to what they see is {altitude_m:g} m"
 
 
 def centres_of(viewmats: Floats) -> Floats:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shutil
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,7 +49,7 @@ def thumbnail(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 def make_clip(
     pictures: Iterable[Picture],
-    duration_s: float | None,
+    times_s: list[float],
     selection: Selection,
     notes: list[str],
     folder: Path,
@@ -57,20 +58,22 @@ def make_clip(
     """Write the frames that are used into `folder`.
 
     Args:
-        pictures: in presentation order; `duration_s` is that of the last, where it is known beforehand.
+        pictures: in presentation order, shown at `times_s`.
         notes: what the source has left out; what is left out here is added.
 
     Raises:
         InputError: fewer than three frames are left.
     """
-    end = selection.end_s if selection.end_s is not None else duration_s
-    rate = selection.rate
-    if rate is None and end is not None and end > selection.start_s:
-        # A hair over, so that a clip of exactly that many frames keeps them all.
-        rate = (selection.max_frames - 1) / (end - selection.start_s) * 1.0001
-    total = None if rate is None or end is None else int((end - selection.start_s) * rate) + 1
+    within = [t for t in times_s if _is_within(t, selection)]
+    if not within:
+        raise InputError(
+            f"no frame lies between --start and --end: the input's are shown from {times_s[0]:.2f} s to "
+            f"{times_s[-1]:.2f} s; choose a range in there"
+        )
+    tick_of = _ticks(within, selection)
+    total = min(len({tick_of(t) for t in within}), selection.max_frames)
     kept: list[Candidate] = []
-    for done, candidate in enumerate(_sharpest(_in_range(pictures, selection), rate, selection, folder, notes), 1):
+    for done, candidate in enumerate(_sharpest(pictures, tick_of, selection, folder, notes), 1):
         if len(kept) >= selection.max_frames:
             (folder / candidate.file).unlink()
             notes.append(f"the clip was cut at {selection.max_frames} frames (--max-frames)")
@@ -84,8 +87,6 @@ def make_clip(
     ):
         _reject(kept, rejected, reason, folder, notes)
     if len(kept) < FEWEST:
-        if not kept and duration_s is not None and selection.start_s > duration_s:
-            raise InputError(f"--start {selection.start_s:g}: the input ends before (at {duration_s:.1f} s); give less")
         raise InputError(_too_few(kept, notes))
     width, height = _size_of(folder / kept[0].file)
     frames = tuple(
@@ -95,29 +96,42 @@ def make_clip(
     return Clip(folder, width, height, kept[0].size, frames, tuple(notes))
 
 
-def _in_range(pictures: Iterable[Picture], selection: Selection) -> Iterator[Picture]:
-    for picture in pictures:
-        if selection.end_s is not None and picture.time_s > selection.end_s:
-            return
-        if picture.time_s >= selection.start_s:
-            yield picture
+def _is_within(time_s: float, selection: Selection) -> bool:
+    return selection.start_s <= time_s and (selection.end_s is None or time_s <= selection.end_s)
+
+
+def _ticks(within: list[float], selection: Selection) -> Callable[[float], int]:
+    """Which frame of the clip a time falls to: by the rate, else so that `max_frames` are spread over all times."""
+    rate = selection.rate
+    if rate is not None:
+        return lambda time_s: int((time_s - selection.start_s) * rate)
+    # Found again by their rank: a video's decoder may round times otherwise than its index.
+    return lambda time_s: bisect_left(within, time_s - 1e-6) * selection.max_frames // len(within)
 
 
 def _sharpest(
-    pictures: Iterable[Picture], rate: float | None, selection: Selection, folder: Path, notes: list[str]
+    pictures: Iterable[Picture],
+    tick_of: Callable[[float], int],
+    selection: Selection,
+    folder: Path,
+    notes: list[str],
 ) -> Iterator[Candidate]:
-    """Of the pictures that fall to one tick of the rate, the sharpest; all pictures where there is no rate."""
+    """Of the pictures in range that fall to one tick, the sharpest."""
     best: tuple[float, Picture, NDArray[np.uint8]] | None = None
     tick, written = None, 0
     for picture in pictures:
-        this = written if rate is None else int((picture.time_s - selection.start_s) * rate)
+        if not _is_within(picture.time_s, selection):
+            if picture.time_s < selection.start_s:
+                continue
+            break
+        this = tick_of(picture.time_s)
         try:
             pixels = picture.load()
         except InputError as error:
             notes.append(f"{picture.label} left out: {error}")
             continue
         sharp = sharpness(pixels)
-        if best is not None and (rate is None or this != tick):
+        if best is not None and this != tick:
             yield _write(best, written, selection, folder)
             written, best = written + 1, None
         if best is None or sharp > best[0]:

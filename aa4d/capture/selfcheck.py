@@ -11,18 +11,20 @@ from numpy.typing import NDArray
 from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.errors import InputError
 
-LARGEST_ERROR_PX = 3.0  # median reprojection error in the capture's own frames
+LARGEST_ERROR_PX = 3.0  # median reprojection error, in the frames that were reconstructed from
 LARGEST_COLOR = 60.0  # median difference of a point's colour from the pixel it falls on, of 255
 COMPARED_FRAMES = 5
 
 Floats = NDArray[np.float64]
 
 
-def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]]) -> dict[str, Any]:
-    """
+def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], shrunk: float) -> dict[str, Any]:
+    """Errors are in pixels of the capture's frames.
+
     Args:
         observations: for each frame's name, points [M, 3] in world coordinates and where the frame shows them [M, 2],
             pixels of the capture's pinhole camera.
+        shrunk: that camera's pixels for one pixel of the frames that were reconstructed from.
 
     Raises:
         InputError: poses, camera, frames and points do not belong together.
@@ -34,13 +36,14 @@ def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]]) 
         if frame.name in observations and len(observations[frame.name][0])
     }
     if not errors:
-        raise InputError(f"{folder}: no frame shows any point; delete its work folder and run again")
+        raise InputError("the self-check failed: no frame shows any point; reconstruct with --preset accurate")
     every = np.concatenate(list(errors.values()))
     color = _color_difference(capture)
-    if float(np.median(every)) > LARGEST_ERROR_PX or color > LARGEST_COLOR:
+    if float(np.median(every)) > LARGEST_ERROR_PX * shrunk or color > LARGEST_COLOR:
+        size = f"{capture.camera.width}x{capture.camera.height}"
         raise InputError(
-            f"{folder}: the self-check failed (reprojection error {np.median(every):.1f} px, colours {color:.0f} of "
-            "255 apart): the cameras do not belong to these frames; reconstruct them with --preset accurate"
+            f"the self-check failed (reprojection error {np.median(every):.1f} px in frames of {size}, colours "
+            f"{color:.0f} of 255 apart): the cameras do not belong to these frames; try --preset accurate"
         )
     return {
         "reprojection_px": {

@@ -27,6 +27,10 @@ Progress = Callable[[int, int | None], None]
 Run = Callable[[Path, Progress], dict[str, Any]]
 
 
+class DiskFullError(InputError):
+    """The one refusal after which the same command can go on."""
+
+
 @dataclass(frozen=True)
 class Done:
     folder: Path
@@ -53,7 +57,7 @@ class Workspace:
         """The result of a step, made now or before.
 
         Raises:
-            InputError: the disk is full; whatever `run` raises.
+            DiskFullError: what was made is kept; whatever `run` raises.
         """
         text = json.dumps([name, settings, self._digest], sort_keys=True, default=str)
         self._digest = hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -72,7 +76,7 @@ class Workspace:
             result = run(part, progress)
         except OSError as error:
             if error.errno in FULL:
-                raise InputError(
+                raise DiskFullError(
                     f"{part}: no space is left on the disk ({error.strerror}); free some, or ask for fewer or smaller "
                     "frames (--max-frames, --size), and run the same command again"
                 ) from None
@@ -86,6 +90,10 @@ class Workspace:
         part.replace(folder)
         self.seconds[name] = spent
         return Done(folder, result, spent, False)
+
+    def forget(self, name: str) -> None:
+        """The next call of that step makes it anew."""
+        (self.folder / name / "done.json").unlink(missing_ok=True)
 
     def _record(self, folder: Path) -> dict[str, Any] | None:
         record = _read(folder / "done.json")

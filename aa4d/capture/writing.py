@@ -18,6 +18,7 @@ from aa4d.files import whole_file, write_json, write_text
 
 HELD_OUT_EVERY = 8
 OPENCV_TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+PARTS = ("frames", "movers", "points.ply", "transforms.json", "sparse", "capture.json")  # the index comes last
 Floats = NDArray[np.float64]
 
 
@@ -48,7 +49,6 @@ def write_capture(
     generator: dict[str, Any],
 ) -> None:
     """Fill `out` from the undistorted `pictures` (NAME.png, and NAME.mask.png where there are masks)."""
-    (out / "capture.json").unlink(missing_ok=True)
     for kind, suffix in (("frames", ".png"), ("movers", ".mask.png")):
         folder = out / kind
         shutil.rmtree(folder, ignore_errors=True)
@@ -87,6 +87,16 @@ def write_capture(
         "instances": [],
     }
     write_json(out / "capture.json", document)
+
+
+def publish(made: Path, out: Path) -> None:
+    """Move a capture that is whole into `out`, over the one that is there."""
+    (out / "capture.json").unlink(missing_ok=True)
+    for part in PARTS:
+        if (out / part).is_dir():
+            shutil.rmtree(out / part)
+        if (made / part).exists():
+            (made / part).replace(out / part)
 
 
 def _link(source: Path, target: Path) -> None:

@@ -32,34 +32,36 @@ def capture(
         arg(help="accurate: more features, pairs and adjustment, for footage that fast does not register."),
     ] = "fast",
     rate: Annotated[
-        float | None, arg(help="Frames a second to use; by default as many as --max-frames allows.")
+        float | None, arg(metavar="FLOAT", help="Frames a second to use; by default as many as --max-frames allows.")
     ] = None,
     start: Annotated[float, arg(help="Second of the input to begin at.")] = 0.0,
-    end: Annotated[float | None, arg(help="Second of the input to end at.")] = None,
+    end: Annotated[float | None, arg(metavar="FLOAT", help="Second of the input to end at.")] = None,
     max_frames: Annotated[int, arg(help="Frames to use at most, evenly over the range.")] = 150,
     fps: Annotated[
         float, arg(help="Frames a second that a folder of frames was filmed with; a video says its own.")
     ] = 30,
     longest_px: Annotated[int, arg(help="Longest side of the frames that are reconstructed from.")] = 1600,
     size: Annotated[
-        int, arg(help="Longest side of the capture's frames, in pixels: what training costs grows with it.")
+        int, arg(help="Longest side of the capture's frames, in pixels: training's cost grows with it.")
     ] = 1280,
     movers: Annotated[
         Literal["auto", "off"],
         arg(help="auto: leave out what moves, by annotated boxes, else by its motion. off: use every feature."),
     ] = "auto",
     annotations: Annotated[
-        Path | None, arg(help="Boxes of VisDrone or UAVDT, where they do not lie where the data set puts them.")
+        Path | None,
+        arg(metavar="PATH", help="Boxes of VisDrone or UAVDT, where they do not lie where the data set puts them."),
     ] = None,
     fov: Annotated[
         float | None,
-        arg(help="Horizontal field of view in degrees, if known: hard to find over flat ground."),
+        arg(metavar="FLOAT", help="Horizontal field of view in degrees, if known: hard to find over flat ground."),
     ] = None,
     altitude: Annotated[
-        float | None, arg(help="Metres from the camera to what it sees, which gives the scale where no GNSS does.")
+        float | None,
+        arg(metavar="FLOAT", help="Metres from the camera to what it sees: the scale, where nothing else gives it."),
     ] = None,
     seed: Annotated[int, arg(help="Of everything random.")] = 0,
-    threads: Annotated[int | None, arg(help="Threads; by default one for each core.")] = None,
+    threads: Annotated[int | None, arg(metavar="INT", help="Threads; by default one for each core.")] = None,
 ) -> None:
     """Make a capture from a drone video or its frames: cameras, points, masks of movers. Continues where it stopped."""
     from aa4d.capture.make import make_capture
@@ -103,11 +105,13 @@ def capture(
 
 def tell(made: Made) -> None:
     """What was made, what was left out, and what would help."""
-    unit = "metres" if made.world["unit"] == "metres" else "not metres"
+    unit = "metres" if made.world["unit"] == "metres" else "not known to be metres"
+    width, height = made.size
     console.print(
         f"{made.frames} of {made.used} frames have a pose, {made.points} points, reprojection error "
-        f"{made.reprojection_px:.2f} px, field of view {made.fov_deg:.0f} degrees, {sum(made.seconds.values()):.0f} s\n"
-        f"scale: {unit}; from {made.world['scale_from']}\nup: {made.world['up_from']}",
+        f"{made.reprojection_px:.2f} px in frames of {width}x{height}, field of view {made.fov_deg:.0f} degrees, "
+        f"{sum(made.seconds.values()):.0f} s\n"
+        f"scale: {unit} ({made.world['scale_from']})\nup: {made.world['up_from']}",
         highlight=False,
         soft_wrap=True,
     )

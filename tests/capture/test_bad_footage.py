@@ -37,7 +37,7 @@ def clip_of(path: Path, folder: Path, selection: Selection | None = None) -> Cli
     folder.mkdir()
     selection = selection or Selection(source_fps=10.0)
     source = open_source(path, selection, None)
-    return make_clip(source.pictures, source.duration_s, selection, source.notes, folder, lambda *_: None)
+    return make_clip(source.pictures, source.times_s(), selection, source.notes, folder, lambda *_: None)
 
 
 def pixels(clip: Clip, rank: int) -> np.ndarray:
@@ -63,6 +63,17 @@ def test_rate_and_range_of_a_video(tmp_path: Path) -> None:
     assert np.abs(pixels(clip, 2) - IMAGES[round(clip.frames[2].time_s * 10 - 0.5)]).mean() < 12
 
 
+@pytest.mark.parametrize("ending", ["mp4", "mov", "mkv", "ts"])
+def test_every_container_can_be_entered_in_the_middle(tmp_path: Path, ending: str) -> None:
+    """One key frame, frames out of order. An MPEG stream has no index: a jump can land where nothing can be decoded."""
+    video = write_video(tmp_path / f"flight.{ending}", IMAGES, [i / 25 for i in range(9)], codec="libx264")
+    selection = Selection(start_s=0.199, rate=1000)
+    clip = clip_of(video, tmp_path / "clip", selection)
+    assert [f.time_s for f in clip.frames] == pytest.approx([i / 25 for i in range(5, 9)], abs=2e-3)
+    assert np.abs(pixels(clip, 0) - IMAGES[5]).mean() < 12
+    assert clip.notes == ()
+
+
 def test_a_variable_frame_rate_is_kept_and_told(tmp_path: Path) -> None:
     times = [0, 0.04, 0.08, 0.3, 0.34, 0.38, 0.6, 0.64, 0.9]
     clip = clip_of(write_video(tmp_path / "phone.mp4", IMAGES, times), tmp_path / "clip", Selection(rate=1000))
@@ -77,6 +88,69 @@ def test_a_video_that_ends_within_a_frame_is_used_until_there(tmp_path: Path) ->
     clip = clip_of(video, tmp_path / "clip")
     assert 3 <= len(clip.frames) < 9
     assert any("ends early" in note for note in clip.notes)
+
+
+def test_an_empty_video_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty.mp4").touch()
+    with pytest.raises(InputError, match=r"empty\.mp4: is empty \(0 bytes\); copy it again"):
+        clip_of(tmp_path / "empty.mp4", tmp_path / "clip")
+
+
+@pytest.mark.parametrize(("count", "wanted"), [(15, 8), (15, 15), (9, 150), (14, 3)])
+@pytest.mark.parametrize("kind", ["video", "folder"])
+def test_as_many_frames_as_asked_for_evenly_spread(tmp_path: Path, count: int, wanted: int, kind: str) -> None:
+    images = aerial.pictures(aerial.arc(count))
+    source = tmp_path / "flight.mp4"
+    if kind == "video":
+        write_video(source, images, [i / 30 for i in range(count)])
+    else:
+        source = aerial.write(tmp_path / "frames", images)
+    clip = clip_of(source, tmp_path / "clip", Selection(max_frames=wanted))
+    ranks = [round(f.time_s * 30) for f in clip.frames]
+    assert len(ranks) == min(wanted, count)
+    assert max(np.diff(ranks)) <= 2 * count / min(wanted, count)
+
+
+def test_a_range_behind_the_end_or_without_a_frame(tmp_path: Path) -> None:
+    source = aerial.write(tmp_path / "frames", IMAGES)
+    for selection in (Selection(source_fps=10, start_s=5), Selection(source_fps=10, start_s=0.11, end_s=0.19)):
+        with pytest.raises(InputError, match=r"no frame lies between .* from 0\.00 s to 0\.80 s; choose a range"):
+            make_clip(*_opened(source, selection), selection, [], tmp_path, lambda *_: None)
+    # An end that lies behind the input's takes nothing away.
+    clip = clip_of(source, tmp_path / "clip", Selection(source_fps=10, end_s=100, max_frames=9))
+    assert len(clip.frames) == 9
+
+
+def _opened(path: Path, selection: Selection) -> tuple[Any, list[float]]:
+    source = open_source(path, selection, None)
+    return source.pictures, source.times_s()
+
+
+def test_the_positions_of_a_drones_subtitles_reach_the_frames(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "DJI_0001.MP4", IMAGES, [i / 10 for i in range(9)])
+    video.with_suffix(".SRT").write_text(
+        "1\n00:00:00,000 --> 00:00:00,400\n[latitude: 52.50] [longitude: 13.4] [rel_alt: 30.0 abs_alt: 91]\n\n"
+        "2\n00:00:00,400 --> 00:00:00,800\n[latitude: 52.54] [longitude: 13.4] [rel_alt: 34.0 abs_alt: 95]\n"
+    )
+    positions = [f.position for f in clip_of(video, tmp_path / "clip").frames]
+    assert [p and round(p.latitude_deg, 6) for p in positions][:5] == [52.5, 52.51, 52.52, 52.53, 52.54]
+    assert positions[2] is not None
+    assert positions[2].altitude_m == pytest.approx(32)
+
+
+def test_photographs_that_are_made_smaller_keep_their_focal_length(tmp_path: Path) -> None:
+    source = tmp_path / "photographs"
+    source.mkdir()
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 28  # focal length in 35 mm film
+    for i, image in enumerate(IMAGES[:3]):
+        Image.fromarray(image).save(source / f"{i}.jpg", quality=95, exif=exif)
+    smaller = Selection(longest_px=160)
+    clip = clip_of(source, tmp_path / "clip", smaller)
+    assert (clip.width, clip.height) == (160, 120)
+    assert clip.source_size == (320, 240)
+    assert open_source(source, smaller, None).focal_share == pytest.approx(28 / 35, rel=0.05)
+    assert open_source(aerial.write(tmp_path / "frames", IMAGES[:3]), Selection(), None).focal_share is None
 
 
 def test_a_video_without_its_index_is_refused(tmp_path: Path) -> None:
@@ -134,6 +208,20 @@ def sixteen_bit(image: np.ndarray) -> Image.Image:
     return Image.fromarray((image.mean(axis=2) * 257).astype(np.uint16))
 
 
+def sixteen_bit_colour(image: np.ndarray) -> SavedByOpenCV:
+    return SavedByOpenCV(image.astype(np.uint16) * 257)
+
+
+class SavedByOpenCV:
+    """Pillow writes no 16-bit colour."""
+
+    def __init__(self, image: np.ndarray) -> None:
+        self.image = image
+
+    def save(self, path: Path) -> None:
+        path.write_bytes(cv2.imencode(path.suffix, self.image[..., ::-1])[1].tobytes())
+
+
 def with_alpha(image: np.ndarray) -> Image.Image:
     return Image.fromarray(np.dstack([image, np.full(image.shape[:2], 255, np.uint8)]))
 
@@ -142,16 +230,17 @@ def with_alpha(image: np.ndarray) -> Image.Image:
     ("convert", "ending", "grey"),
     [
         (sixteen_bit, "png", True),
+        (sixteen_bit_colour, "png", False),
         (lambda i: Image.fromarray(i).convert("L"), "png", True),
         (lambda i: Image.fromarray(i).convert("CMYK"), "jpg", False),
         (with_alpha, "png", False),
         (lambda i: Image.fromarray(i).convert("P", palette=Image.Palette.ADAPTIVE), "png", False),
         (lambda i: Image.fromarray(i), "tif", False),
     ],
-    ids=["16-bit", "grey", "CMYK", "alpha", "palette", "tif"],
+    ids=["16-bit", "16-bit colour", "grey", "CMYK", "alpha", "palette", "tif"],
 )
 def test_pictures_of_every_kind_become_8_bit_rgb(
-    tmp_path: Path, convert: Callable[[np.ndarray], Image.Image], ending: str, grey: bool
+    tmp_path: Path, convert: Callable[[np.ndarray], Any], ending: str, grey: bool
 ) -> None:
     source = tmp_path / "frames"
     source.mkdir()
@@ -222,7 +311,8 @@ def test_a_camera_that_only_turns(tmp_path: Path) -> None:
     source = aerial.write(tmp_path / "frames", aerial.pictures(aerial.turning()))
     with pytest.raises(InputError, match=r"no cameras could be reconstructed: the camera only turns.*--start, --end"):
         make_capture(source, tmp_path / "capture", SETTINGS, None, silent)
-    assert not (tmp_path / "capture/capture.json").exists()
+    # The same command would meet the same refusal: nothing is left that it could go on from.
+    assert not (tmp_path / "capture").exists()
 
 
 def test_frames_with_nothing_in_common(tmp_path: Path) -> None:
@@ -278,6 +368,7 @@ def test_a_full_disk_is_told_and_leaves_no_capture(tmp_path: Path) -> None:
     assert "no space is left on the disk" in ended.stderr
     assert "run the same command again" in ended.stderr
     assert not (tmp_path / "capture/capture.json").exists()
+    assert (tmp_path / "capture/work/frames.part").exists()  # from which it goes on
 
 
 @pytest.mark.parametrize(

@@ -5,20 +5,26 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from aa4d.capture import colmap
+from aa4d.capture.advice import field_of_view_advice
 from aa4d.capture.make import Made, make_capture
 from aa4d.capture.orientation import umeyama
-from aa4d.capture.reader import moving_mask, read_capture
+from aa4d.capture.reader import moving_mask, read_capture, read_images
+from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.errors import InputError
 from tests.capture import aerial
@@ -125,8 +131,6 @@ def test_nothing_is_done_twice(made: Made, flight: Path) -> None:
 
 
 def test_a_changed_setting_repeats_what_depends_on_it(flight: Path, made: Made, tmp_path: Path) -> None:
-    import shutil
-
     folder = tmp_path / "copy"
     shutil.copytree(made.folder, folder)
     watch = Watch()
@@ -144,8 +148,6 @@ def test_repeated_from_scratch_the_cameras_are_the_same(flight: Path, made: Made
 
 
 def test_an_altitude_gives_the_scale(flight: Path, made: Made, tmp_path: Path) -> None:
-    import shutil
-
     shutil.copytree(made.folder, tmp_path / "copy")
     scaled = make(flight, tmp_path / "copy", replace(SETTINGS, altitude_m=42.0))
     assert scaled.world["unit"] == "metres"
@@ -154,12 +156,40 @@ def test_an_altitude_gives_the_scale(flight: Path, made: Made, tmp_path: Path) -
     assert np.median(depths) == pytest.approx(42, rel=0.02)
 
 
+def test_the_accurate_preset_sees_more(flight: Path, made: Made, tmp_path: Path) -> None:
+    settings = replace(SETTINGS, preset="accurate", reconstruction=PRESETS["accurate"])
+    accurate = make(flight, tmp_path / "capture", settings)
+    assert accurate.frames == 9
+    assert accurate.points > 1.2 * made.points
+    assert pose_errors(accurate.folder, aerial.arc())[0] < 0.15
+
+
 def test_a_known_field_of_view_is_kept(flight: Path, tmp_path: Path) -> None:
     made = make(flight, tmp_path / "capture", replace(SETTINGS, fov_deg=50.0))
     # That of the undistorted frames is a little less: their edges are cut.
     assert 46 < made.fov_deg <= 50.1
     document = json.loads((made.folder / "work/cameras/done.json").read_text())
     assert document["result"]["attempts"] == 1
+    assert made.advice == ()
+    assert "Nothing looks wrong" in made.report.read_text()
+
+
+def test_over_flat_ground_a_found_field_of_view_is_doubted(made: Made) -> None:
+    """Its roofs are too small and too low to count: every pair of frames passes for pictures of a plane."""
+    (line,) = made.advice
+    pairs = json.loads((made.folder / "work/matches/done.json").read_text())["result"]["verified"]
+    assert f"{pairs} of {pairs} pairs look like pictures of one plane" in line
+    assert f"The {made.fov_deg:.0f} degrees that were found here can be far off" in line
+    assert "give --fov" in line
+    assert "give --fov" in made.report.read_text()
+
+
+def test_the_field_of_view_is_doubted_where_the_frames_do_not_tell_it() -> None:
+    assert field_of_view_advice({"PLANAR": 60, "CALIBRATED": 40}, 60.0, False) == []
+    assert field_of_view_advice({"PLANAR": 50, "PANORAMIC": 45, "UNCALIBRATED": 5}, 60.0, False) != []
+    # An impossible one was found, and the guess was taken.
+    (line,) = field_of_view_advice({"PLANAR": 60, "CALIBRATED": 40}, 64.0, True)
+    assert "The 64 degrees that are the usual ones, taken because the frames gave impossible ones, can" in line
 
 
 def test_the_field_of_view_is_found(made: Made) -> None:
@@ -170,7 +200,8 @@ def test_the_report_needs_nothing_else(made: Made) -> None:
     html = made.report.read_text()
     assert "<canvas" in html
     assert "9 of 9 frames have a pose" in html
-    assert "Nothing looks wrong" in html
+    size = read_capture(made.folder).camera
+    assert f"px in frames of {size.width}x{size.height}" in html
     assert not re.search(r'(src|href)="(?!data:)', html)
 
 
@@ -182,7 +213,46 @@ def test_another_input_or_other_things_in_the_folder_are_refused(made: Made, fli
     (tmp_path / "mine/thesis.txt").write_text("mine")
     with pytest.raises(InputError, match="no unfinished work of `aa4d capture`"):
         make(flight, tmp_path / "mine")
+    with pytest.raises(InputError, match="no unfinished work of `aa4d capture`"):
+        make(flight, tmp_path / "new/../mine")  # a way round through a folder that is not there yet
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+
+
+def test_a_refusal_leaves_an_earlier_capture_as_it_was(flight: Path, made: Made, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(made.folder, folder)
+    outside = replace(SETTINGS, selection=Selection(source_fps=10.0, start_s=60))
+    with pytest.raises(InputError, match="no frame lies between"):
+        make(flight, folder, outside)
+    assert list((folder / "work").glob("*.part")) == []
+    assert (folder / "capture.json").read_bytes() == (made.folder / "capture.json").read_bytes()
+    assert read_images(read_capture(folder), [0]).shape[0] == 1
+    assert make(flight, folder).frames == 9
+
+
+def test_a_deleted_index_is_written_again(flight: Path, made: Made, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(made.folder, folder)
+    (folder / "capture.json").unlink()
+    watch = Watch()
+    make(flight, folder, watch=watch)
+    assert watch.ran == ["capture"]
+    assert (folder / "capture.json").read_bytes() == (made.folder / "capture.json").read_bytes()
+
+
+def test_the_self_check_counts_in_pixels_of_what_was_reconstructed_from(made: Made) -> None:
+    """Two pixels of the capture are little in frames that it has at their full size, and much at half of it."""
+    capture = read_capture(made.folder)
+    frame = capture.frames[4]
+    in_camera = capture.points @ frame.viewmat[:3, :3].T + frame.viewmat[:3, 3]
+    pixels = (in_camera / in_camera[:, 2:]) @ capture.camera.K.T
+    seen = {frame.name: (capture.points, pixels[:, :2] + [2.0, 0.0])}
+    assert check_capture(made.folder, seen, 1.0)["reprojection_px"]["median"] == pytest.approx(2, abs=1e-3)
+    size = f"{capture.camera.width}x{capture.camera.height}"
+    with pytest.raises(InputError, match=rf"self-check failed \(reprojection error 2\.0 px in frames of {size}"):
+        check_capture(made.folder, seen, 0.5)
+    with pytest.raises(InputError, match="no frame shows any point"):
+        check_capture(made.folder, {}, 1.0)
 
 
 def test_stopped_and_continued(flight: Path, tmp_path: Path) -> None:
@@ -205,6 +275,27 @@ def test_stopped_and_continued(flight: Path, tmp_path: Path) -> None:
     assert "features: done before" in finished.stdout
     assert "next:    aa4d train" in finished.stdout
     assert os.stat(features).st_mtime_ns == stamp
+
+
+def test_ctrl_c_while_a_stage_starts_stops_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An exception out of Thread.start would leave the stage running when the process ends, which aborts it."""
+    start, ended = threading.Thread.start, threading.Event()
+
+    def interrupted_start(thread: threading.Thread) -> None:
+        start(thread)
+        signal.raise_signal(signal.SIGINT)
+
+    def stage(token: Any) -> None:
+        deadline = time.monotonic() + 30
+        while not token.is_cancelled and time.monotonic() < deadline:
+            time.sleep(0.01)
+        if token.is_cancelled:
+            ended.set()
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted_start)
+    with pytest.raises(KeyboardInterrupt):
+        colmap.run(stage)
+    assert ended.is_set()
 
 
 def test_features_go_on_in_the_middle(made: Made, tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aa4d.capture.annotations import read_annotations
+from aa4d.capture.annotations import Annotations, read_annotations
 from aa4d.capture.clip import Clip, ClipFrame
 from aa4d.capture.make import make_capture
-from aa4d.capture.movers import box_mask
+from aa4d.capture.movers import box_mask, write_masks
 from aa4d.capture.reader import PinholeCamera, moving_mask, read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.sources import open_source
@@ -34,7 +34,8 @@ def silent(*_: object):
 def test_genuine_uavdt_files(sequence: str) -> None:
     """Rows go by target, frames from 1: every row is found again under its frame."""
     path = GENUINE / f"{sequence}_gt_whole.txt"
-    read = read_annotations(path, [1, 2, 3])
+    numbers = list(range(1, 5000))
+    read = read_annotations(path, numbers)
     assert read.layout == "UAVDT"
     table = np.loadtxt(path, delimiter=",")
     assert sum(len(b) for b in read.boxes.values()) == len(table)
@@ -42,7 +43,7 @@ def test_genuine_uavdt_files(sequence: str) -> None:
     frame = int(np.median(table[:, 0]))
     expected = table[table[:, 0] == frame][:, 2:6]
     assert np.array_equal(read.of(frame), expected)
-    ignored = read_annotations(GENUINE / f"{sequence}_gt_ignore.txt", [1])
+    ignored = read_annotations(GENUINE / f"{sequence}_gt_ignore.txt", numbers)
     assert ignored.layout in ("UAVDT", "empty")
 
 
@@ -67,7 +68,8 @@ def test_visdrone_rows_in_its_published_format(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("1,2,3\n", "rows have 3 columns; known are 10"),
+        ("1,2,3\n", "rows have 3 columns; known are 10 .*: give a file of one of these kinds"),
+        ("7,1,2,3,4,5,1,1,1\n", "boxes are of frames 7 to 7, .* numbered 1 to 1: give this sequence's own"),
         ("a,b\n", "line 1 is not a row of numbers"),
         ("1,2,3,nan\n", "line 1 is not like the first"),
         ("1,2,3,4\n1,2,3\n", "line 2 is not like the first"),
@@ -88,6 +90,46 @@ def test_boxes_are_in_the_source_pixels_and_have_a_border() -> None:
     assert (rows.min() + 20, rows.max() + 20) == (27, 42)
     assert mask[0, 0]
     assert mask.mean() < 0.05
+
+
+def test_boxes_of_larger_frames_are_refused_and_nothing_is_left(tmp_path: Path) -> None:
+    frames = aerial.write(tmp_path / "frames", aerial.pictures(aerial.arc(4)))
+    boxes = tmp_path / "gt.txt"
+    boxes.write_text("1,1,900,500,40,20,1,1,1\n2,1,880,500,40,20,1,1,1\n3,1,100,100,40,20,1,1,1\n")
+    with pytest.raises(InputError, match=r"gt\.txt: 2 of 3 boxes lie outside of the frames, which are 320x240"):
+        make_capture(frames, tmp_path / "capture", SETTINGS, boxes, silent)
+    assert not (tmp_path / "capture").exists()
+
+
+def test_boxes_with_masks_switched_off_are_refused(tmp_path: Path) -> None:
+    frames = aerial.write(tmp_path / "frames", aerial.pictures(aerial.arc(3)))
+    with pytest.raises(InputError, match=r"gt\.txt: boxes are for masks, which --movers off switches off"):
+        make_capture(frames, tmp_path / "capture", replace(SETTINGS, movers="off"), tmp_path / "gt.txt", silent)
+    assert not (tmp_path / "capture").exists()
+
+
+def test_a_range_without_any_box_is_told(tmp_path: Path) -> None:
+    images = aerial.pictures(aerial.arc(2))
+    folder = aerial.write(tmp_path / "clip", images)
+    frames = tuple(ClipFrame(f"frame_{i:04}.png", str(i), i / 10, i + 1, 1.0, None) for i in range(2))
+    clip = Clip(folder, 320, 240, (320, 240), frames, ())
+    (tmp_path / "masks").mkdir()
+    far = Annotations(tmp_path / "gt.txt", "UAVDT", {50: np.array([[100.0, 100, 40, 20]])})
+    made = write_masks(clip, far, tmp_path / "masks", lambda *_: None)
+    assert made.notes == [f"{tmp_path / 'gt.txt'} has no box for any frame used: no mover is masked"]
+    near = Annotations(tmp_path / "gt.txt", "UAVDT", {2: np.array([[100.0, 100, 40, 20]])})
+    (tmp_path / "other").mkdir()
+    assert write_masks(clip, near, tmp_path / "other", lambda *_: None).notes == []
+
+
+def test_annotations_that_are_absent_or_no_text(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gt\.txt: cannot be read \(No such file.*give the annotation file"):
+        read_annotations(tmp_path / "gt.txt", [1])
+    (tmp_path / "gt.txt").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match=r"gt\.txt: is no text; give the annotation file"):
+        read_annotations(tmp_path / "gt.txt", [1])
+    with pytest.raises(InputError, match="file names have none; rename the frames"):
+        read_annotations(tmp_path / "gt.txt", None)
 
 
 def test_visdrone_layout_masks_the_boxes(tmp_path: Path) -> None:
@@ -146,17 +188,46 @@ def given(folder: Path, with_points: bool) -> Path:
     return folder
 
 
-def test_nerfstudio_cameras_are_kept_and_points_are_triangulated(tmp_path: Path) -> None:
-    source = given(tmp_path / "given", with_points=False)
-    made = make_capture(source, tmp_path / "capture", replace(SETTINGS, movers="off"), None, silent)
+def test_a_capture_keeps_its_world_its_metres_and_its_times(tmp_path: Path) -> None:
+    """It has its cameras twice: nerfstudio's are in its world, COLMAP's would be turned and scaled anew."""
+    source = given(tmp_path / "given", with_points=True)
+    settings = replace(SETTINGS, selection=Selection(source_fps=77), movers="off")
+    made = make_capture(source, tmp_path / "capture", settings, None, silent)
     capture = read_capture(made.folder)
     assert made.frames == 9
+    assert made.world["unit"] == "metres"
+    assert "transforms.json, whose world is kept; capture.json says that it is in metres" in made.world["scale_from"]
+    assert "cameras are those of transforms.json; sparse/0 is not read" in made.notes
+    assert capture.fps == pytest.approx(10)
     for frame, viewmat in zip(capture.frames, aerial.arc(), strict=True):
         assert np.allclose(frame.viewmat, viewmat, atol=1e-6)
     assert np.allclose(capture.camera.K, aerial.K)
     # Ground and roofs where they are.
     assert np.median(np.abs(capture.points[:, 2])) < 0.2
     assert np.percentile(capture.points[:, 2], 98) > 3
+
+
+def test_cameras_of_an_unknown_unit_are_not_taken_for_metres(tmp_path: Path) -> None:
+    source = given(tmp_path / "given", with_points=False)
+    index = source / "capture.json"
+    document = json.loads(index.read_text())
+    document["generator"]["world"] = {"unit": "unit"}  # footage without satellite positions
+    index.write_text(json.dumps(document))
+    posed = open_source(source, Selection(), None).posed
+    assert posed is not None
+    assert not posed.is_metric
+    index.unlink()
+    opened = open_source(source, Selection(source_fps=20), None)
+    assert opened.posed is not None
+    assert not opened.posed.is_metric
+    assert opened.times_s() == pytest.approx(np.arange(9) / 20)
+
+
+def test_a_stated_field_of_view_for_cameras_that_have_theirs_is_refused(tmp_path: Path) -> None:
+    source = given(tmp_path / "given", with_points=False)
+    with pytest.raises(InputError, match="gives its cameras and their field of view; leave out --fov"):
+        make_capture(source, tmp_path / "capture", replace(SETTINGS, fov_deg=50.0), None, silent)
+    assert not (tmp_path / "capture").exists()
 
 
 def test_a_colmap_model_is_levelled_and_its_frames_stay_as_they_are(tmp_path: Path) -> None:
@@ -192,7 +263,10 @@ def test_a_colmap_model_is_levelled_and_its_frames_stay_as_they_are(tmp_path: Pa
         (lambda d: d.update(frames=[]), '"frames" is missing or empty'),
         (lambda d: d.update(camera_model="OPENCV_FISHEYE"), "OPENCV_FISHEYE"),
         (lambda d: d["frames"][0]["transform_matrix"][0].__setitem__(0, 9.0), "not a rotation and a translation"),
-        (lambda d: d["frames"][0].pop("file_path"), "frame 0 is incomplete"),
+        (lambda d: d["frames"][0].pop("file_path"), "key 'file_path' is missing, for frame 0; export it again"),
+        (lambda d: d.pop("w"), "key 'w' is missing, for frame 0; export it again"),
+        (lambda d: d.pop("fl_x"), "key 'fl_x' is missing"),
+        (lambda d: d.update(h="tall"), "frame 0 cannot be understood"),
         (lambda d: d["frames"][0].update(file_path="../../secret.png"), "lies outside"),
         (lambda d: [f.update(file_path="x/" + f["file_path"]) for f in d["frames"]], "holds none of the 9 pictures"),
     ],
@@ -209,6 +283,7 @@ def test_damaged_transforms_are_refused(tmp_path: Path, change, says: str) -> No
 
 def test_a_damaged_colmap_model_is_refused(tmp_path: Path) -> None:
     source = given(tmp_path / "given", with_points=True)
+    (source / "transforms.json").unlink()
     (source / "sparse/0/cameras.txt").write_text("1 PINHOLE nonsense\n")
     with pytest.raises(InputError, match=r"cannot be read as a COLMAP model|holds no image"):
         open_source(source, Selection(), None)

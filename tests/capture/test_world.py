@@ -12,7 +12,15 @@ from PIL import Image
 
 from aa4d.capture.clip import Position
 from aa4d.capture.gnss import east_north_up, position_of_photograph, read_subtitles
-from aa4d.capture.orientation import Similarity, find_world, robust_similarity, umeyama
+from aa4d.capture.matching import pairs
+from aa4d.capture.orientation import (
+    Similarity,
+    find_world,
+    kept_world,
+    robust_similarity,
+    umeyama,
+    viewing_distance,
+)
 from aa4d.capture.undistortion import Undistortion, pinhole_of, pinhole_pixels
 from aa4d.capture.workspace import Workspace
 from tests.capture import aerial
@@ -158,6 +166,29 @@ def test_without_satellites_the_ground_is_level_and_the_unit_is_no_metre() -> No
     # Half the fixes within some metres of each other: too short a flight to measure a scale with.
     near = [None if p is None else Position(50.0, 8.0, 100.0) for p in fixes(viewmats, 0)]
     assert find_world(cameras, points, near, None, 0).unit == "unit"
+
+
+def test_a_kept_world_is_scaled_by_an_altitude_only_where_it_has_no_unit() -> None:
+    viewmats = np.array(aerial.arc(9))
+    points = ground()
+    distance = viewing_distance(viewmats, points)
+    for is_metric, altitude_m, scale, unit in (
+        (True, None, 1, "metres"),
+        (False, None, 1, "unit"),
+        (False, 84.0, 84 / distance, "metres"),
+        (True, 84.0, 1, "metres"),
+    ):
+        world = kept_world(viewmats, points, "transforms.json", is_metric, altitude_m)
+        assert (world.to_world.scale, world.unit) == (pytest.approx(scale), unit)
+        assert np.array_equal(world.to_world.rotation, np.eye(3))
+
+
+def test_key_frames_close_loops_and_distances_double() -> None:
+    found = pairs(40, 3, 5)
+    assert {j - i for i, j in found if i == 0} >= {1, 2, 3, 6, 12, 24, 39}
+    assert {(0, 39), (0, 20), (20, 39)} <= set(found)
+    assert found == sorted(set(found))
+    assert pairs(2, 3, 8) == [(0, 1)]
 
 
 def test_undistortion_keeps_straight_what_is_straight_at_its_true_place() -> None:

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 TICKS = 1000  # a second
 
 
-def write_video(path: Path, images: list[NDArray[np.uint8]], times_s: list[float]) -> Path:
-    """An MP4 (MPEG-4 part 2, high quality) whose frames have those presentation times."""
+def write_video(path: Path, images: list[NDArray[np.uint8]], times_s: list[float], codec: str = "mpeg4") -> Path:
+    """A video of high quality (MPEG-4 part 2 by default) whose frames have those presentation times."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=25)
+        stream = container.add_stream(codec, rate=25)
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = "yuv420p"
         stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS)
         stream.bit_rate = 8_000_000
-        stream.codec_context.gop_size = 4
+        stream.codec_context.gop_size = 4 if codec == "mpeg4" else 250
         for image, time_s in zip(images, times_s, strict=True):
             frame = av.VideoFrame.from_ndarray(image, format="rgb24")
             frame.pts = round(time_s * TICKS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,11 +22,12 @@ class Source:
 
     kind: str
     pictures: Iterable[Picture]  # in presentation order; can be gone through once
-    duration_s: float | None  # the last picture's time, where it is known beforehand
+    times_s: Callable[[], list[float]]  # of all pictures, rising, though some may turn out to be damaged
     files: tuple[Path, ...]  # all that the pictures come from: who changes one changes the input
     notes: list[str] = field(default_factory=list)  # what was left out; may grow while pictures are read
     annotations: Annotations | None = None
     posed: PosedPictures | None = None  # where the cameras are known already
+    focal_share: float | None = None  # focal length over the longest side, where EXIF has it
 
 
 def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:

@@ -6,8 +6,11 @@ import re
 from functools import partial
 from pathlib import Path
 
+import pycolmap
+
 from aa4d.capture.annotations import read_annotations
 from aa4d.capture.clip import Picture
+from aa4d.capture.colmap import quiet
 from aa4d.capture.gnss import position_of_photograph
 from aa4d.capture.pictures import EXTENSIONS, is_plain, read_picture
 from aa4d.capture.settings import Selection
@@ -45,7 +48,19 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
         for i, (file, time_s) in enumerate(zip(files, times, strict=True))
     ]
     read = None if annotations is None else read_annotations(annotations, numbers)
-    return Source("frames", pictures, times[-1], tuple(files), notes, annotations=read)
+    focal_share = _focal_share(files[0])
+    return Source("frames", pictures, lambda: times, tuple(files), notes, read, focal_share=focal_share)
+
+
+def _focal_share(photograph: Path) -> float | None:
+    """From EXIF. Read here, because frames that are made smaller lose it."""
+    quiet()
+    try:
+        camera = pycolmap.infer_camera_from_image(photograph)
+    except (RuntimeError, ValueError):  # no kind of picture that COLMAP reads
+        return None
+    known = camera is not None and camera.has_prior_focal_length
+    return float(camera.mean_focal_length()) / max(camera.width, camera.height) if known else None
 
 
 def picture_of(file: Path, time_s: float, number: int | None) -> Picture:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -11,6 +11,7 @@ import pycolmap
 
 from aa4d.capture.annotations import read_annotations
 from aa4d.capture.clip import Clip
+from aa4d.capture.reader import frame_of_index
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source, folder
 from aa4d.errors import InputError
@@ -26,7 +27,8 @@ class PosedPictures:
     """A COLMAP reconstruction whose images go by the pictures' labels; without points where the source has none."""
 
     model: Any
-    z_is_up: bool
+    world: str | None  # in words, where the world is kept as it is; None: nothing says how it stands
+    is_metric: bool = False
 
     @property
     def has_points(self) -> bool:
@@ -53,30 +55,56 @@ def recognises(path: Path) -> bool:
 
 
 def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:
-    """The pictures that the reconstruction names, in the order of their numbers."""
-    model_folder = _model_folder(path)
-    if model_folder is not None:
-        model, root = _read_colmap(model_folder), _image_folder(path)
-        index, z_is_up = model_folder, False
+    """The pictures that the reconstruction names, in the order of their numbers.
+
+    Of a folder with both kinds of cameras transforms.json is read: its world is upright, a COLMAP model's is arbitrary.
+    """
+    model_folder, transforms = _model_folder(path), path / "transforms.json"
+    times_s: dict[str, float] = {}
+    notes = []
+    if transforms.is_file():
+        index, root = transforms, path
+        times_s, is_metric = _own_capture(path)
+        posed = PosedPictures(read_transforms(index), "transforms.json, whose world is kept", is_metric)
+        if model_folder is not None:
+            notes.append(f"cameras are those of transforms.json; {model_folder.relative_to(path)} is not read")
     else:
-        index, root, z_is_up = path / "transforms.json", path, True
-        model = read_transforms(index)
-    names = [model.image(i).name for i in model.reg_image_ids()]
+        assert model_folder is not None
+        index, root = model_folder, _image_folder(path)
+        posed = PosedPictures(_read_colmap(index), None)
+    names = [posed.model.image(i).name for i in posed.model.reg_image_ids()]
     files = {name: root / _inside(name, index) for name in names}
     missing = [name for name, file in files.items() if not file.is_file()]
     if len(missing) == len(names):
         raise InputError(f"{root}: holds none of the {len(names)} pictures that {index} names; put them there")
-    notes = [f"{len(missing)} of {len(names)} pictures left out: missing in {root}"] if missing else []
+    if missing:
+        notes.append(f"{len(missing)} of {len(names)} pictures left out: missing in {root}")
     present = {file: name for name, file in files.items() if name not in missing}
     ordered, numbers = folder.in_order(list(present))
     pictures = []
     for rank, file in enumerate(ordered):
+        number = None if numbers is None else numbers[rank]
         at = rank if numbers is None else numbers[rank] - numbers[0]
-        picture = folder.picture_of(file, at / selection.source_fps, None if numbers is None else numbers[rank])
-        pictures.append(type(picture)(**{**vars(picture), "label": present[file]}))
+        picture = folder.picture_of(file, times_s.get(present[file], at / selection.source_fps), number)
+        pictures.append(replace(picture, label=present[file]))
     read = None if annotations is None else read_annotations(annotations, numbers)
-    sources = (*ordered, *(p for p in (index.iterdir() if index.is_dir() else [index]) if p.is_file()))
-    return Source("reconstruction", pictures, pictures[-1].time_s, sources, notes, read, PosedPictures(model, z_is_up))
+    beside = [*index.iterdir()] if index.is_dir() else [index, path / "capture.json"]
+    sources = (*ordered, *(p for p in beside if p.is_file()))
+    return Source("reconstruction", pictures, lambda: [p.time_s for p in pictures], sources, notes, read, posed)
+
+
+def _own_capture(path: Path) -> tuple[dict[str, float], bool]:
+    """Of a capture of ours (docs/formats.md): the seconds of its pictures, and whether its world is in metres."""
+    index = path / "capture.json"
+    document = read_json_object(index, "the index of a capture") if index.is_file() else {}
+    if document.get("format") != "aa4d-capture":
+        return {}, False
+    frames = [frame_of_index(value, i, index) for i, value in enumerate(document.get("frames") or [])]
+    generator = document.get("generator")
+    # A capture of footage says of its world whether it is; all others are.
+    world = generator.get("world") if isinstance(generator, dict) else None
+    is_metric = not isinstance(world, dict) or world.get("unit") == "metres"
+    return {frame.image: frame.time_s for frame in frames}, is_metric
 
 
 def _model_folder(path: Path) -> Path | None:
@@ -129,8 +157,10 @@ def read_transforms(path: Path) -> Any:
             key = _camera_values(values, path)
             matrix = np.array(frame["transform_matrix"], np.float64).reshape(4, 4)
             name = str(frame["file_path"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path}: frame {number - 1} is incomplete ({error!r}); export it again") from None
+        except KeyError as error:
+            raise InputError(f"{path}: key {error} is missing, for frame {number - 1}; export it again") from None
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{path}: frame {number - 1} cannot be understood ({error}); export it again") from None
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3]) - 1) > 1e-3:
             raise InputError(f"{path}: transform_matrix of frame {number - 1} is not a rotation and a translation")
         if key not in cameras:
@@ -148,10 +178,10 @@ def _camera_values(values: dict[str, Any], path: Path) -> tuple[Any, ...]:
     """COLMAP's name of the model, width, height and parameters."""
     kind = values.get("camera_model", "OPENCV")
     width, height = int(values["w"]), int(values["h"])
-    if "fl_x" in values:
-        fx = float(values["fl_x"])
-    else:
+    if "camera_angle_x" in values and "fl_x" not in values:
         fx = 0.5 * width / float(np.tan(0.5 * float(values["camera_angle_x"])))
+    else:
+        fx = float(values["fl_x"])
     fy = float(values.get("fl_y", fx))
     centre = float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
     distortion = [float(values.get(name, 0.0)) for name in ("k1", "k2", "p1", "p2")]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -28,67 +30,100 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     """Frames with their presentation times; a DJI drone's subtitles of the same name give positions."""
     if annotations is not None:
         raise InputError(f"{annotations}: boxes go by frame number, and a video has none; extract its frames first")
-    duration = _duration(path)
     notes: list[str] = []
+    index = cache(partial(_index, path, notes))
     subtitles = next((p for p in (path.with_suffix(".SRT"), path.with_suffix(".srt")) if p.is_file()), None)
     track = None if subtitles is None else read_subtitles(subtitles)
     files = (path,) if subtitles is None else (path, subtitles)
-    return Source("video", _frames(path, selection, track, duration, notes), duration, files, notes)
+    return Source("video", _frames(path, selection, track, index, notes), lambda: index().times_s, files, notes)
 
 
-def _duration(path: Path) -> float | None:
-    """Seconds by the container's word, where it has one. Raises InputError for what is no video."""
+@dataclass(frozen=True)
+class Index:
+    """What a video says of its frames before one is decoded."""
+
+    first_s: float  # when the first is shown, by the stream's own clock
+    times_s: list[float]  # from the first
+    step_s: float  # median
+    end_s: float  # by the container's word, where it has one
+
+
+def _index(path: Path, notes: list[str]) -> Index:
+    """Read the file through once, nothing decoded.
+
+    Raises:
+        InputError: the file is no video.
+    """
     import av
 
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: is empty (0 bytes); copy it again")
+    times: list[float] = []
+    duration = 0.0
     try:
         with av.open(str(path)) as container:
             if not container.streams.video:
                 raise InputError(f"{path}: holds no video stream; give the video itself")
             stream = container.streams.video[0]
             if stream.duration is not None and stream.time_base is not None:
-                return float(stream.duration * stream.time_base)
-            return None if container.duration is None else container.duration / av.time_base
+                duration = float(stream.duration * stream.time_base)
+            elif container.duration is not None:
+                duration = container.duration / av.time_base
+            for packet in container.demux(stream):
+                ticks = packet.dts if packet.pts is None else packet.pts
+                if ticks is not None and not packet.is_discard:
+                    times.append(float(ticks * packet.time_base))
     except (av.FFmpegError, OSError) as error:
-        raise InputError(
-            f"{path}: cannot be opened as a video ({error}); an MP4 whose recording broke off has lost its index and "
-            "needs repair (untrunc), any other should be copied again"
-        ) from None
+        if not times:
+            raise InputError(
+                f"{path}: cannot be opened as a video ({error}); an MP4 whose recording broke off has lost its index "
+                "and needs repair (untrunc), any other should be copied again"
+            ) from None
+    if not times:
+        raise InputError(f"{path}: holds no frame; copy it again")
+    shown = np.sort(times) - min(times)
+    steps = np.diff(shown) if len(shown) > 1 else np.zeros(1)
+    if steps.max() > 1.5 * np.median(steps):
+        notes.append("variable frame rate: every frame keeps its own presentation time")
+    return Index(min(times), shown.tolist(), float(np.median(steps)), max(duration, float(shown[-1])))
 
 
 def _frames(
-    path: Path, selection: Selection, track: Track | None, duration: float | None, notes: list[str]
+    path: Path, selection: Selection, track: Track | None, index: Callable[[], Index], notes: list[str]
 ) -> Iterator[Picture]:
     """Decode in presentation order; where the data end early, what was decoded is used and a note says so."""
     import av
 
-    first: float | None = None
-    last = 0.0
-    steps: list[float] = []
+    first, end, last = index().first_s, index().end_s, 0.0
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
-            if selection.start_s > 0 and stream.time_base is not None:
-                # To the key frame before; the frames until then are decoded and dropped.
-                first = float((stream.start_time or 0) * stream.time_base)
-                container.seek(int((selection.start_s + first) / stream.time_base), stream=stream)
-            for frame in container.decode(stream):
-                if frame.pts is None or frame.is_corrupt:
-                    continue
-                seconds = float(frame.pts * (frame.time_base or 0))
-                first = seconds if first is None else first
-                if steps or seconds > first:
-                    steps.append(seconds - first - last)
-                last = seconds - first
+            for frame in _decoded_from(selection.start_s + first, container, stream):
+                last = float(frame.pts * (frame.time_base or 0)) - first
                 position = None if track is None else track.at(last)
                 yield Picture(f"{last:.3f} s", last, None, _loader(frame), position=position)
     except av.FFmpegError:
         pass  # what follows says so
-    step = float(np.median(steps)) if steps else 0.0
-    if duration is not None and last + EARLY_STEPS * step < duration:
-        notes.append(f"the video ends early, at {last:.2f} s of {duration:.2f} s: the frames until then are used")
-    if steps and max(steps) > 1.5 * step:
-        notes.append("variable frame rate: every frame keeps its own presentation time")
+    if last + EARLY_STEPS * index().step_s < end:
+        notes.append(f"the video ends early, at {last:.2f} s of {end:.2f} s: the frames until then are used")
+
+
+def _decoded_from(start_s: float, container: Any, stream: Any) -> Iterator[Any]:
+    """Whole frames, from the key frame before `start_s` or, where the file cannot be entered there, an earlier one."""
+
+    def decoded() -> Iterator[Any]:
+        return (f for f in container.decode(stream) if f.pts is not None and not f.is_corrupt)
+
+    container.seek(int(start_s / stream.time_base), stream=stream)
+    frames = decoded()
+    head = next(frames, None)
+    if head is not None and head.pts * head.time_base <= start_s + 1e-6:
+        yield head
+    else:
+        container.seek(0)
+        frames = decoded()
+    yield from frames
 
 
 def _loader(frame: Any) -> Callable[[], NDArray[np.uint8]]:
