@@ -7,18 +7,19 @@ from pathlib import Path
 
 import pytest
 
+from aa4d.cli import COMMANDS
+
 
 def aa4d(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "aa4d.cli", *arguments], capture_output=True, text=True, timeout=120)
 
 
-@pytest.mark.parametrize(
-    "command", [(), ("synth",), ("train",), ("eval",), ("inspect",), ("render",), ("export",), ("demo",)]
-)
+@pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
 def test_help_teaches(command: tuple[str, ...]) -> None:
     result = aa4d(*command, "--help")
     assert result.returncode == 0
     assert "usage: aa4d" in result.stdout
+    assert "{None}" not in result.stdout
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,9 @@ def bench(
             "cost and leave, or how its time grows."
         ),
     ],
-    json: Annotated[Path | None, arg(help="File to write what `train` or `raster` measured to, for machines.")] = None,
+    json: Annotated[
+        Path | None, arg(metavar="PATH", help="File to write what `train` or `raster` measured to, for machines.")
+    ] = None,
     repeats: Annotated[int, arg(help="Of the rasteriser: runs of each scene; the best counts.")] = 7,
 ) -> None:
     """Measure training or the CPU rasteriser on this machine, on made-up scenes."""

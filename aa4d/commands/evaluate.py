@@ -13,13 +13,16 @@ from aa4d.console import console, step_progress
 
 def evaluate(
     run: Annotated[Positional[Path], arg(help="Folder of a run, made by `aa4d train`.")],
-    capture: Annotated[Path | None, arg(help="Capture folder, where it has moved since training.")] = None,
+    capture: Annotated[
+        Path | None, arg(metavar="PATH", help="Capture folder, where it has moved since training.")
+    ] = None,
     lpips: Annotated[
         tuple[Literal["alex", "squeeze", "vgg"], ...] | None,
         arg(
+            metavar="{alex,squeeze,vgg} ...",
             help="LPIPS by these networks. Weights are looked for in $AA4D_WEIGHTS, or in the caches of aa4d and of "
             "torch.hub, and downloaded if absent (alex 233 MiB, squeeze 5 MiB, vgg 528 MiB). By default alex, if it is "
-            "at hand."
+            "at hand.",
         ),
     ] = None,
     device: Annotated[

@@ -20,17 +20,21 @@ def export(
         ),
     ] = "ply",
     out: Annotated[
-        Path | None, arg(help="Folder for the files. By default one in RUN/export, named after what it holds.")
+        Path | None,
+        arg(metavar="PATH", help="Folder for the files. By default one in RUN/export, named after what it holds."),
     ] = None,
     views: Annotated[
         Literal["all", "held-out", "training"], arg(help="Which of the capture's frames to export.")
     ] = "all",
     path: Annotated[
-        Path | None, arg(help="Camera path whose times and places to export instead: JSON, see docs/formats.md.")
+        Path | None,
+        arg(metavar="PATH", help="Camera path whose times and places to export instead: JSON, see docs/formats.md."),
     ] = None,
-    frames: Annotated[int | None, arg(help="Resample time to this many views.")] = None,
-    fps: Annotated[float | None, arg(help="Resample time to this frame rate, in the same seconds.")] = None,
-    time: Annotated[float | None, arg(help="Export this t in [0, 1] alone.")] = None,
+    frames: Annotated[int | None, arg(metavar="INT", help="Resample time to this many views.")] = None,
+    fps: Annotated[
+        float | None, arg(metavar="FLOAT", help="Resample time to this frame rate, in the same seconds.")
+    ] = None,
+    time: Annotated[float | None, arg(metavar="FLOAT", help="Export this t in [0, 1] alone.")] = None,
     seen_from: Annotated[
         str,
         arg(

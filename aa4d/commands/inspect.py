@@ -12,8 +12,10 @@ from aa4d.console import console, step_progress
 
 def inspect(
     run: Annotated[Positional[Path], arg(help="Folder of a run, made by `aa4d train`.")],
-    capture: Annotated[Path | None, arg(help="Capture folder, where it has moved since training.")] = None,
-    out: Annotated[Path | None, arg(help="Folder for the page. By default RUN/inspect.")] = None,
+    capture: Annotated[
+        Path | None, arg(metavar="PATH", help="Capture folder, where it has moved since training.")
+    ] = None,
+    out: Annotated[Path | None, arg(metavar="PATH", help="Folder for the page. By default RUN/inspect.")] = None,
 ) -> None:
     """Look inside a model: aggregation weights over time and on frames, coordinate warp, growth of the anchors."""
     from aa4d.inspection.page import inspect as run_inspection

@@ -14,16 +14,25 @@ from aa4d.errors import InputError
 def render(
     run: Annotated[Positional[Path], arg(help="Folder of a run, made by `aa4d train`.")],
     out: Annotated[
-        Path | None, arg(help="Folder for the pictures. By default one in RUN/renders, named after what it shows.")
+        Path | None,
+        arg(metavar="PATH", help="Folder for the pictures. By default one in RUN/renders, named after what it shows."),
     ] = None,
     views: Annotated[
         Literal["all", "held-out", "training"], arg(help="Which of the capture's frames to render, or to fly along.")
     ] = "all",
-    path: Annotated[Path | None, arg(help="Camera path to fly instead: a JSON file, see docs/formats.md.")] = None,
-    frames: Annotated[int | None, arg(help="Resample the path smoothly to this many views.")] = None,
-    fps: Annotated[float | None, arg(help="Resample the path to this frame rate, in the same seconds.")] = None,
-    time: Annotated[float | None, arg(help="Freeze time at this t in [0, 1]: the camera alone moves.")] = None,
-    camera: Annotated[str | None, arg(help="Freeze the camera at the frame of this name: time alone runs.")] = None,
+    path: Annotated[
+        Path | None, arg(metavar="PATH", help="Camera path to fly instead: a JSON file, see docs/formats.md.")
+    ] = None,
+    frames: Annotated[int | None, arg(metavar="INT", help="Resample the path smoothly to this many views.")] = None,
+    fps: Annotated[
+        float | None, arg(metavar="FLOAT", help="Resample the path to this frame rate, in the same seconds.")
+    ] = None,
+    time: Annotated[
+        float | None, arg(metavar="FLOAT", help="Freeze time at this t in [0, 1]: the camera alone moves.")
+    ] = None,
+    camera: Annotated[
+        str | None, arg(metavar="NAME", help="Freeze the camera at the frame of this name: time alone runs.")
+    ] = None,
     layers: Annotated[
         tuple[Literal["color", "depth", "alpha", "activity", "motion"], ...],
         arg(

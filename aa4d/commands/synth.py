@@ -27,13 +27,14 @@ def synth(
     out: Annotated[
         Path | None,
         arg(
+            metavar="PATH",
             help="Folder for the capture: new, empty, or an unfinished capture of this scene. With `cost` and `sheet`: "
-            "where the table and the picture go."
+            "where the table and the picture go.",
         ),
     ] = None,
     workers: Annotated[int, arg(help="Processes that render at the same time; the bytes are the same.")] = 1,
     explain: Annotated[bool, arg(help="Print what would be rendered, and render nothing.")] = False,
-    json: Annotated[Path | None, arg(help="With `verify`: a file to write the table to.")] = None,
+    json: Annotated[Path | None, arg(metavar="PATH", help="With `verify`: a file to write the table to.")] = None,
 ) -> None:
     """Render a flyover with Blender: frames, exact poses, depth and ids, as a capture folder; or check one."""
     words = {"verify": "a capture folder", "cost": "a scene file", "sheet": "scene files"}

@@ -190,7 +190,10 @@ def capture_of(loaded: LoadedModel, named: Path | None) -> Capture:
         raise InputError(f"{folder}: the capture is not there any more; say where it lies with --capture")
     capture = read_capture(folder)
     if loaded.capture_fingerprint not in (None, capture.fingerprint):
-        raise InputError(f"{folder}: is not the capture that {loaded.path} was trained on")
+        raise InputError(
+            f"{folder}: is not the capture that {loaded.path} was trained on; name that one with --capture, or train "
+            "again"
+        )
     return capture
 
 
