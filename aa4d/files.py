@@ -10,9 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from aa4d.errors import InputError
 
 UNFINISHED = ".part"
+LOCK = ".lock"
 
 
 @contextmanager
@@ -72,3 +75,26 @@ def make_folder(path: Path) -> None:
             pass
     except OSError as error:
         raise InputError(f"{path}: cannot write there ({error.strerror}); choose another folder with --out") from None
+
+
+@contextmanager
+def claimed(folder: Path, doing: str) -> Iterator[None]:
+    """Make the folder this process's own, and rid it of what a killed one left half-written.
+
+    Args:
+        doing: what the process does there, for the one that comes second.
+
+    Raises:
+        InputError: the folder is not writable, or another process has claimed it.
+    """
+    make_folder(folder)
+    lock = FileLock(folder / LOCK)  # the system releases it when the process dies
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InputError(f"{folder}: another process is {doing} there; wait for it, or choose a new --out") from None
+    try:
+        remove_unfinished(folder)
+        yield
+    finally:
+        lock.release()

@@ -28,9 +28,10 @@ from aa4d.capture.undistortion import Undistortion, pinhole_of, pinhole_pixels, 
 from aa4d.capture.workspace import DiskFullError, Progress, Workspace
 from aa4d.capture.writing import Cloud, Shot, publish, write_capture
 from aa4d.errors import InputError, Interrupted
-from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.files import LOCK, claimed, make_folder, read_json_object, write_json
 
 Floats = NDArray[np.float64]
+RECORD = "work/input.json"
 FEWEST_VIEWS = 3  # a point that fewer frames have seen is often a mismatch
 
 
@@ -76,41 +77,44 @@ def make_capture(
         raise InputError(f"{path}: gives its cameras and their field of view; leave out --fov")
     out = out.resolve() if ".." in out.parts else out  # `new/../used` is `used`
     was_there = out.exists()
-    _claim(path, out)
-    workspace = Workspace(out / "work", watch)
-    try:
-        return _make(path, out, settings, source, workspace)
-    except KeyboardInterrupt:
-        raise Interrupted(f"stopped; {out / 'work'} keeps what is done, and the same command continues there") from None
-    except DiskFullError:
-        raise
-    except InputError:
-        _withdraw(out, was_there)
-        raise
+    if not (out / LOCK).exists():  # a folder of something else is left untouched
+        _check_folder(path, out)
+    with claimed(out, "making a capture"):
+        _check_folder(path, out)
+        make_folder(out / "work")
+        write_json(out / RECORD, {"input": str(path.resolve())})
+        try:
+            return _make(path, out, settings, source, Workspace(out / "work", watch))
+        except KeyboardInterrupt:
+            raise Interrupted(
+                f"stopped; {out / 'work'} keeps what is done, and the same command continues there"
+            ) from None
+        except DiskFullError:
+            raise
+        except InputError:
+            _withdraw(out, was_there)
+            raise
 
 
 def _withdraw(out: Path, was_there: bool) -> None:
     if (out / "capture.json").exists():
         unfinished = [*(out / "work").glob("*.part")]
     else:
+        (out / LOCK).unlink()
         unfinished = [out / "work", *([] if was_there else [out])]
     for folder in unfinished:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _claim(path: Path, out: Path) -> None:
+def _check_folder(path: Path, out: Path) -> None:
     """Raises InputError where `out` holds something other than a capture of this input."""
-    record = out / "work" / "input.json"
-    resolved = str(path.resolve())
+    record = out / RECORD
     if record.is_file():
         other = read_json_object(record, "the record of a capture's input").get("input")
-        if other != resolved:
+        if other != str(path.resolve()):
             raise InputError(f"{out}: holds a capture of {other}; choose a new folder with --out")
-        return
-    if out.is_dir() and any(out.iterdir()):
+    elif out.is_dir() and any(p.is_file() and not p.name.startswith(".") for p in out.rglob("*")):
         raise InputError(f"{out}: not empty, and no unfinished work of `aa4d capture`; choose a new folder with --out")
-    make_folder(record.parent)
-    write_json(record, {"input": resolved})
 
 
 def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, workspace: Workspace) -> Made:

@@ -8,10 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
+from aa4d import files
 from aa4d.errors import InputError
-from aa4d.files import make_folder, read_json_object, remove_unfinished, write_json
+from aa4d.files import read_json_object, write_json
 
 SETTINGS = "config.json"
 
@@ -46,17 +45,11 @@ def _difference(found: Any, wanted: Any, name: str) -> str:
 
 @contextmanager
 def claimed(out: Path, settings: dict[str, Any]) -> Iterator[None]:
-    """Make the folder this process's own, and rid it of what a killed one left half-written.
+    """Make the folder this process's own, and write the run's settings there.
 
     Raises:
         InputError: the folder is not writable, or another process trains there.
     """
-    make_folder(out)
-    lock = FileLock(out / ".lock", timeout=0)  # the system releases it when the process dies
-    try:
-        with lock:
-            remove_unfinished(out)
-            write_json(out / SETTINGS, settings)
-            yield
-    except Timeout:
-        raise InputError(f"{out}: another process is training there; wait for it, or choose a new --out") from None
+    with files.claimed(out, "training"):
+        write_json(out / SETTINGS, settings)
+        yield

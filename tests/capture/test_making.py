@@ -218,6 +218,28 @@ def test_another_input_or_other_things_in_the_folder_are_refused(made: Made, fli
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
 
 
+def test_two_processes_do_not_make_one_capture(flight: Path, tmp_path: Path) -> None:
+    """The second is refused, whatever the first has written by then, and takes nothing away."""
+    refusals = []
+
+    class Second(Watch):
+        def __call__(self, name: str, was_done: bool):
+            with pytest.raises(InputError, match="another process is making a capture there; wait for it"):
+                make(flight, tmp_path / "capture")
+            refusals.append(name)
+            return super().__call__(name, was_done)
+
+    assert make(flight, tmp_path / "capture", watch=Second()).frames == 9
+    assert refusals == ["frames", "features", "matches", "cameras", "pictures", "capture"]
+    # What a killed process has left without its record is taken over.
+    (tmp_path / "killed/work").mkdir(parents=True)
+    (tmp_path / "killed/.lock").touch()
+    outside = replace(SETTINGS, selection=Selection(source_fps=10.0, start_s=60))
+    with pytest.raises(InputError, match="no frame lies between"):
+        make(flight, tmp_path / "killed", outside)
+    assert list((tmp_path / "killed").iterdir()) == []
+
+
 def test_a_refusal_leaves_an_earlier_capture_as_it_was(flight: Path, made: Made, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(made.folder, folder)
