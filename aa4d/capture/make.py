@@ -186,6 +186,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     in_order = _images_in_order(model, clip)
     points = _points_of(model)
     world = _world(in_order, clip, points.positions, source, settings)
+    notes += world.notes
     sim = world.to_world
     model.transform(pycolmap.Sim3d(sim.scale, pycolmap.Rotation3d(sim.rotation), sim.translation))
     cloud = _points_of(model)

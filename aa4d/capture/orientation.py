@@ -2,7 +2,8 @@
 
 With satellite positions, the similarity that takes the camera centres to east, north and up (Umeyama 1991), made robust
 by re-weighting. Where those positions lie on a line, or there are none, the ground says where up is: the plane that
-most points lie on, its normal towards the cameras.
+most points lie on, its normal towards the cameras. Positions that contradict the reconstruction are not used: a
+similarity fits anything somehow, at a scale that means nothing.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from aa4d.capture.gnss import east_north_up
 Floats = NDArray[np.float64]
 NOISE_M = 3.0  # of a satellite position
 LEAST_SPAN_M = 15.0  # of a flight whose positions can give a scale
+# Of the flight's own extent (median from its middle, like the error): the error of positions that are still used. Random ones come to 1, and
+# where a quarter of the extent is unexplained, so is a tenth of the scale and more.
+LARGEST_GNSS_ERROR = 0.25
 GROUND_SHARE = 0.01  # of the viewing distance: thickness of the ground
 TRIALS = 500
 REWEIGHTINGS = 20
@@ -52,6 +56,7 @@ class World:
     up_from: str
     origin: Position | None  # of the world's origin
     gnss_error_m: float | None  # median distance of cameras from their satellite positions
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -81,13 +86,24 @@ def find_world(
     distance = viewing_distance(viewmats, points)
     level = level_ground(viewmats, points, distance, seed)
     known = [i for i, p in enumerate(positions) if p is not None]
+    notes = []
     if len(known) >= 3:
         first = positions[known[0]]
         assert first is not None
         enu = east_north_up([p for p in positions if p is not None], first)
         spans = np.linalg.svd(enu - enu.mean(axis=0), compute_uv=False) / np.sqrt(len(enu)) * 3
         if spans[0] >= LEAST_SPAN_M:
-            return _by_satellite(centres[known], enu, spans, level, points, first)
+            world = _by_satellite(centres[known], enu, spans, level, points, first)
+            error_m = world.gnss_error_m or 0.0
+            extent_m = float(np.median(np.linalg.norm(enu - np.median(enu, axis=0), axis=1)))
+            # Few positions are fitted the closer the more of their 3 N numbers the similarity's 7 take up.
+            freedom = float(np.sqrt(1 - 7 / (3 * len(known))))
+            if error_m <= LARGEST_GNSS_ERROR * freedom * extent_m:
+                return world
+            notes.append(
+                f"the satellite positions are not used: they contradict the cameras, by {error_m:.3g} m "
+                f"(median, where they lie {extent_m:.3g} m from their middle); are they of this flight?"
+            )
     scale = (1.0 if altitude_m is None else altitude_m) / distance
     placed = level.then(Similarity(scale, np.eye(3), np.zeros(3)))
     return World(
@@ -99,6 +115,7 @@ def find_world(
         "the ground: the plane that most points lie on",
         None,
         None,
+        tuple(notes),
     )
 
 

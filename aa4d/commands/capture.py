@@ -107,11 +107,13 @@ def tell(made: Made) -> None:
     """What was made, what was left out, and what would help."""
     unit = "metres" if made.world["unit"] == "metres" else "not known to be metres"
     width, height = made.size
+    error_m = made.world["gnss_error_m"]
+    fit = "" if error_m is None else f", the cameras {error_m:.2f} m from theirs (median)"
     console.print(
         f"{made.frames} of {made.used} frames have a pose, {made.points} points, reprojection error "
         f"{made.reprojection_px:.2f} px in frames of {width}x{height}, field of view {made.fov_deg:.0f} degrees, "
         f"{sum(made.seconds.values()):.0f} s\n"
-        f"scale: {unit} ({made.world['scale_from']})\nup: {made.world['up_from']}",
+        f"scale: {unit} ({made.world['scale_from']}{fit})\nup: {made.world['up_from']}",
         highlight=False,
         soft_wrap=True,
     )

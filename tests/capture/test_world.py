@@ -142,6 +142,19 @@ def test_with_satellites_the_world_is_east_north_up_in_metres() -> None:
     assert world.gnss_error_m < 1.5
 
 
+@pytest.mark.parametrize(("frames", "noise_m", "is_used"), [(12, 1.0, True), (12, 30.0, False), (4, 100.0, False)])
+def test_positions_that_contradict_the_cameras_are_not_used(frames: int, noise_m: float, is_used: bool) -> None:
+    viewmats = aerial.arc(frames, 170)
+    cameras, points, _ = tilted(viewmats, ground())
+    world = find_world(cameras, points, fixes(viewmats, noise_m), None, 0)
+    assert world.unit == ("metres" if is_used else "unit")
+    assert (world.gnss_error_m is None) != is_used
+    assert any("satellite positions are not used: they contradict the cameras, by" in n for n in world.notes) != is_used
+    if not is_used:
+        placed = world.to_world.of_points(points)
+        assert placed[150:, 2].std() * 20 / world.to_world.scale < 0.1
+
+
 def test_on_a_straight_flight_the_ground_says_where_up_is() -> None:
     viewmats = [
         aerial.look(np.array([x, -8.0, aerial.ALTITUDE_M]), np.array([x, 1.5, 0.0])) for x in np.linspace(-30, 30, 10)
