@@ -26,7 +26,7 @@ from aa4d.capture.settings import CaptureSettings
 from aa4d.capture.sources import Source, open_source
 from aa4d.capture.undistortion import Undistortion, pinhole_of, pinhole_pixels, viewmat_of
 from aa4d.capture.workspace import DiskFullError, Progress, Workspace
-from aa4d.capture.writing import Cloud, Shot, publish, write_capture
+from aa4d.capture.writing import Cloud, Shot, digests_of, publish, write_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import LOCK, claimed, make_folder, read_json_object, write_json
 
@@ -213,6 +213,10 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
             progress(done, len(in_order))
         return {}
 
+    if damaged := _damaged(out, workspace):
+        workspace.forget("capture")
+        if any(name.endswith(".png") for name in damaged):
+            workspace.forget("pictures")  # of which frames/ and movers/ are second names
     pictures = workspace.step("pictures", [settings.size_px], pictures_step)
     generator = {
         "input": path.name,
@@ -233,12 +237,10 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         write_capture(folder, name, pictures.folder, pinhole, shots, cloud, generator)
         progress(1, 2)
         checked = check_capture(folder, observations, shrunk)
-        publish(folder, out)
+        checked["files"] = publish(folder, out)
         progress(2, 2)
         return checked
 
-    if not (out / "capture.json").exists():
-        workspace.forget("capture")  # somebody deleted it
     checked = workspace.step("capture", [generator, settings.altitude_m], assemble_step).result
     fov_deg = 2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0])))
     said = [] if posed or focal_px else field_of_view_advice(geometry["geometry"], fov_deg, result["focal_was_kept"])
@@ -266,6 +268,13 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     write_report(made, clip, result, geometry, checked, shots, cloud, pinhole)
     write_json(out / "cost.json", {"seconds": sum(made.seconds.values()), "stages": made.seconds, "frames": []})
     return made
+
+
+def _damaged(out: Path, workspace: Workspace) -> list[str]:
+    """Files of the finished capture that are no longer as they were written."""
+    written: dict[str, str] = (workspace.result("capture") or {}).get("files", {})
+    found = digests_of(out) if written else {}
+    return [name for name, digest in written.items() if found.get(name) != digest]
 
 
 def _focal_px(fov_deg: float | None, share: float | None, clip: Clip) -> float | None:

@@ -20,8 +20,8 @@ from aa4d.capture.gnss import east_north_up
 Floats = NDArray[np.float64]
 NOISE_M = 3.0  # of a satellite position
 LEAST_SPAN_M = 15.0  # of a flight whose positions can give a scale
-# Of the flight's own extent (median from its middle, like the error): the error of positions that are still used. Random ones come to 1, and
-# where a quarter of the extent is unexplained, so is a tenth of the scale and more.
+# Of the flight's own extent (median from its middle, like the error): of positions that are still used. Random ones
+# come to 1, and where a quarter of the extent is unexplained, so is a tenth of the scale and more.
 LARGEST_GNSS_ERROR = 0.25
 GROUND_SHARE = 0.01  # of the viewing distance: thickness of the ground
 TRIALS = 500

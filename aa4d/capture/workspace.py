@@ -1,7 +1,8 @@
 """Steps that are run once: each keeps its result in a folder of its own, under a digest of all that it depends on.
 
 A step's digest covers its settings and the digest of the step before, so that a changed setting repeats that step and
-those after it, and nothing else. A step works in `NAME.part` and is renamed when it is done; one that was stopped
+those after it, and nothing else. So does a step of which a file is missing or has another size than it was given. A
+step works in `NAME.part` and is renamed when it is done; one that was stopped
 finds there what it has made, if it was stopped under the same digest.
 """
 
@@ -85,11 +86,17 @@ class Workspace:
             spent = stopped + time.perf_counter() - started
             if part.is_dir():
                 _try_write(part / "stopped.json", {"digest": self._digest, "seconds": spent})
-        write_json(part / "done.json", {"digest": self._digest, "seconds": spent, "result": result})
         (part / "stopped.json").unlink(missing_ok=True)
+        done = {"digest": self._digest, "seconds": spent, "result": result, "sizes": _sizes(part)}
+        write_json(part / "done.json", done)
         part.replace(folder)
         self.seconds[name] = spent
         return Done(folder, result, spent, False)
+
+    def result(self, name: str) -> dict[str, Any] | None:
+        """What that step returned when it was last done, under whatever settings."""
+        record = _read(self.folder / name / "done.json")
+        return None if record is None else record.get("result")
 
     def forget(self, name: str) -> None:
         """The next call of that step makes it anew."""
@@ -97,7 +104,9 @@ class Workspace:
 
     def _record(self, folder: Path) -> dict[str, Any] | None:
         record = _read(folder / "done.json")
-        return record if record and record.get("digest") == self._digest else None
+        if record is None or record.get("digest") != self._digest:
+            return None
+        return record if record.get("sizes", {}).items() <= _sizes(folder).items() else None
 
     def _prepare(self, part: Path) -> float:
         """Keep what a stopped run of this very step has made; returns the seconds that it took."""
@@ -109,6 +118,11 @@ class Workspace:
         # Written first: a step that is killed outright is known again too.
         _try_write(part / "stopped.json", {"digest": self._digest, "seconds": 0.0})
         return 0.0
+
+
+def _sizes(folder: Path) -> dict[str, int]:
+    """Bytes of every file in `folder`."""
+    return {p.relative_to(folder).as_posix(): p.stat().st_size for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def _read(path: Path) -> dict[str, Any] | None:

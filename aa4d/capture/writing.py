@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 from dataclasses import dataclass
@@ -89,14 +90,34 @@ def write_capture(
     write_json(out / "capture.json", document)
 
 
-def publish(made: Path, out: Path) -> None:
-    """Move a capture that is whole into `out`, over the one that is there."""
-    (out / "capture.json").unlink(missing_ok=True)
+def publish(made: Path, out: Path) -> dict[str, str]:
+    """Move a capture that is whole into `out`, over the one that is there; returns its files' digests."""
+    digests = digests_of(made)
+    _remove(out / "capture.json")
     for part in PARTS:
-        if (out / part).is_dir():
-            shutil.rmtree(out / part)
+        _remove(out / part)
         if (made / part).exists():
             (made / part).replace(out / part)
+
+    return digests
+
+
+def digests_of(folder: Path) -> dict[str, str]:
+    """Of all files of the capture in `folder`."""
+    paths = [p for part in PARTS for p in (folder / part, *(folder / part).rglob("*")) if p.is_file()]
+    return {p.relative_to(folder).as_posix(): _digest(p) for p in paths}
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _link(source: Path, target: Path) -> None:

@@ -252,14 +252,40 @@ def test_a_refusal_leaves_an_earlier_capture_as_it_was(flight: Path, made: Made,
     assert make(flight, folder).frames == 9
 
 
-def test_a_deleted_index_is_written_again(flight: Path, made: Made, tmp_path: Path) -> None:
+def contents(folder: Path) -> dict[str, bytes]:
+    """Of all that a capture is made of: not the report, whose seconds differ, and not work/."""
+    files = [p for p in folder.rglob("*") if p.is_file() and p.relative_to(folder).parts[0] not in ("work", ".lock")]
+    return {str(p.relative_to(folder)): p.read_bytes() for p in files if p.name not in ("report.html", "cost.json")}
+
+
+@pytest.mark.parametrize(
+    ("damage", "ran"),
+    [
+        (lambda c: (c / "capture.json").unlink(), ["capture"]),
+        (lambda c: (c / "capture.json").write_text("{"), ["capture"]),
+        (lambda c: (c / "points.ply").write_bytes(b""), ["capture"]),
+        (lambda c: shutil.rmtree(c / "sparse"), ["capture"]),
+        (
+            lambda c: (c / "transforms.json").write_text((c / "transforms.json").read_text().replace("1", "2")),
+            ["capture"],
+        ),
+        (lambda c: (c / "frames/000003.png").unlink(), ["pictures", "capture"]),
+        (lambda c: (c / "frames/000003.png").write_bytes(b""), ["pictures", "capture"]),  # in work/ too, by its link
+        (lambda c: (c / "work/pictures/000003.png").write_bytes(b""), ["pictures", "capture"]),
+        (lambda c: shutil.rmtree(c / "work/cameras/model"), ["cameras", "pictures", "capture"]),
+    ],
+)
+def test_a_damaged_capture_is_mended(flight: Path, made: Made, tmp_path: Path, damage: Any, ran: list[str]) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(made.folder, folder)
-    (folder / "capture.json").unlink()
+    for link in (folder / "work/pictures").glob("*.png"):  # which copying has taken apart
+        link.unlink()
+        os.link(folder / "frames" / link.name, link)
+    damage(folder)
     watch = Watch()
     make(flight, folder, watch=watch)
-    assert watch.ran == ["capture"]
-    assert (folder / "capture.json").read_bytes() == (made.folder / "capture.json").read_bytes()
+    assert watch.ran == ran
+    assert contents(folder) == contents(made.folder)
 
 
 def test_the_self_check_counts_in_pixels_of_what_was_reconstructed_from(made: Made) -> None:
