@@ -131,6 +131,8 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     frames = workspace.step("frames", [stamps, dataclasses.asdict(settings.selection)], frames_step)
     clip = Clip.from_json(frames.folder, frames.result)
     notes = list(clip.notes)
+    posed = source.posed
+    given = None if posed is None else posed.of_clip(clip)
 
     masks: Path | None = None
     if settings.movers == "auto":
@@ -143,7 +145,6 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         notes += masked.result["notes"]
 
     geometry: dict[str, Any] = {"geometry": {}, "gaps": []}
-    posed = source.posed
     is_stated = settings.fov_deg is not None
     focal_px = _focal_px(settings.fov_deg, source.focal_share, clip)
     if posed is None or not posed.has_points:
@@ -173,12 +174,10 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         mapped = workspace.step(
             "cameras",
             ["triangulate"],
-            lambda folder, progress: mapping.triangulate(clip, posed.of_clip(clip), database, folder, progress),
+            lambda folder, progress: mapping.triangulate(clip, given, database, folder, progress),
         )
     else:
-        mapped = workspace.step(
-            "cameras", ["given"], lambda folder, _: mapping.adopt(clip, posed.of_clip(clip), folder)
-        )
+        mapped = workspace.step("cameras", ["given"], lambda folder, _: mapping.adopt(clip, given, folder))
     result = mapped.result
     model = pycolmap.Reconstruction(mapped.folder / "model")
     notes += _left_out(clip, result)

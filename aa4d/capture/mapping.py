@@ -179,19 +179,9 @@ def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: P
 
 
 def as_in_database(model: Any, database: Any) -> Any:
-    """The given cameras under the database's numbers, and its camera replaced by the given one.
-
-    Raises:
-        InputError: several cameras; features were found for one.
-    """
-    used = {model.image(i).camera_id for i in model.reg_image_ids()}
-    if len(used) > 1:
-        raise InputError(
-            f"the given poses have {len(used)} cameras and no points; one camera is needed, or a COLMAP model with "
-            "points (capture the pictures alone to have both estimated)"
-        )
+    """The given cameras, which are one, under the database's numbers, and its camera replaced by the given one."""
     stored = database.read_all_cameras()[0]
-    given = model.camera(used.pop())
+    given = model.camera(model.image(model.reg_image_ids()[0]).camera_id)
     camera = pycolmap.Camera(model=given.model_name, width=given.width, height=given.height, params=given.params)
     camera.camera_id = stored.camera_id
     database.update_camera(camera)

@@ -280,12 +280,20 @@ def pose_of(value: Any, label: str, index: Path) -> NDArray[np.float64]:
     """A world-to-camera matrix [4, 4]: a rotation and a translation, near enough to the origin."""
     viewmat = matrix_of(value, (4, 4), f"viewmat of {label}", index)
     rotation = viewmat[:3, :3]
-    rigid = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-4 and np.linalg.det(rotation) > 0
-    if not rigid or np.abs(viewmat[3] - [0, 0, 0, 1]).max() > 1e-9:
+    if not is_rigid(viewmat, 1e-4):
         raise InputError(f"{index}: viewmat of {label} is not a rotation and a translation")
     if np.abs(rotation.T @ viewmat[:3, 3]).max() > FARTHEST_M:
         raise InputError(f"{index}: camera of {label} is over {FARTHEST_M:g} m from the origin; {RECENTRE}")
     return viewmat
+
+
+def is_rigid(matrix: NDArray[np.float64], tolerance: float) -> bool:
+    """Whether a matrix [4, 4] is a rotation and a translation; NaN is none."""
+    rotation = matrix[:3, :3]
+    with np.errstate(all="ignore"):
+        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    is_rotation = off < tolerance and np.linalg.det(rotation) > 0
+    return bool(is_rotation and np.isfinite(matrix).all() and np.abs(matrix[3] - [0, 0, 0, 1]).max() <= 1e-9)
 
 
 def check_frames(frames: tuple[Frame, ...], index: Path) -> None:

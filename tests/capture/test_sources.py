@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +12,13 @@ import pytest
 
 from aa4d.capture.annotations import Annotations, read_annotations
 from aa4d.capture.clip import Clip, ClipFrame
+from aa4d.capture.intrinsics import check_intrinsics
 from aa4d.capture.make import make_capture
 from aa4d.capture.movers import box_mask, write_masks
 from aa4d.capture.reader import PinholeCamera, moving_mask, read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.sources import open_source
+from aa4d.capture.sources.posed import same_shape
 from aa4d.capture.writing import Cloud, Shot, write_capture
 from aa4d.errors import InputError
 from tests.capture import aerial
@@ -257,6 +260,9 @@ def test_a_colmap_model_is_levelled_and_its_frames_stay_as_they_are(tmp_path: Pa
         assert np.array_equal(np.asarray(image), aerial.pictures(aerial.arc())[4])
 
 
+SHEARED = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # its determinant is 1
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -268,6 +274,19 @@ def test_a_colmap_model_is_levelled_and_its_frames_stay_as_they_are(tmp_path: Pa
         (lambda d: d.pop("fl_x"), "key 'fl_x' is missing"),
         (lambda d: d.update(h="tall"), "frame 0 cannot be understood"),
         (lambda d: d["frames"][0].update(file_path="../../secret.png"), "lies outside"),
+        (
+            lambda d: d["frames"][0]["transform_matrix"].__setitem__(3, [0, 0, 0, 2]),
+            "of frames/000000.png is not a rot",
+        ),
+        (lambda d: d["frames"][0].update(transform_matrix=SHEARED), "of frames/000000.png is not a rotation"),
+        (lambda d: d["frames"][1].update(file_path="./frames/000000.png"), "picture frames/000000.png twice"),
+        (lambda d: d.update(fl_x=-5.0), "frame 0: the focal length (fl_x, fl_y) is -5"),
+        (lambda d: d.update(fl_x=float("nan")), "the focal length (fl_x, fl_y) is nan"),
+        (lambda d: d.update(fl_y=1e20), "expected 3.2 to 320000 pixels for pictures of 320x240"),
+        (lambda d: d.update(cx=1e9), "the principal point (cx, cy) is 1e+09, 120, far outside"),
+        (lambda d: d.update(w=0), "width and height (w, h) are 0x240"),
+        (lambda d: d.update(camera_model="OPENCV", k1=-1e6), "no lens distorts like that"),
+        (lambda d: d.update(camera_model="OPENCV", k1=float("nan")), "no lens distorts like that"),
         (lambda d: [f.update(file_path="x/" + f["file_path"]) for f in d["frames"]], "holds none of the 9 pictures"),
     ],
 )
@@ -287,3 +306,90 @@ def test_a_damaged_colmap_model_is_refused(tmp_path: Path) -> None:
     (source / "sparse/0/cameras.txt").write_text("1 PINHOLE nonsense\n")
     with pytest.raises(InputError, match=r"cannot be read as a COLMAP model|holds no image"):
         open_source(source, Selection(), None)
+
+
+def edited(folder: Path, file: str, old: str, new: str) -> None:
+    """The first match of `old` in a text file of a COLMAP model, replaced."""
+    path = folder / "sparse/0" / file
+    text, count = re.subn(old, new, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(text)
+
+
+CAMERA = r"1 PINHOLE 320 240 .*"
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "says"),
+    [
+        ("images.txt", r"^1 \S+ \S+ \S+ \S+", "1 0 0 0 0", "sparse/0: the pose of 000000.png is not a rotation"),
+        (
+            "images.txt",
+            r"^1 \S+ \S+ \S+ \S+",
+            "1 1e200 1e200 0 0",
+            "sparse/0: the pose of 000000.png is not a rotation",
+        ),
+        ("images.txt", "000001.png", "000000.png", "names the picture 000000.png twice"),
+        ("cameras.txt", CAMERA, "1 PINHOLE 320 240 0 0 160 120", r"camera 1: the focal length \(fl_x, fl_y\) is 0, 0"),
+        ("cameras.txt", CAMERA, "1 PINHOLE -320 -240 300 300 160 120", "camera 1: width and height"),
+        ("cameras.txt", CAMERA, "1 PINHOLE 320 240 300 300 1e9 120", "camera 1: the principal point"),
+        ("cameras.txt", CAMERA, "1 SIMPLE_RADIAL 320 240 300 160 120 -5000", "camera 1: no lens distorts like that"),
+    ],
+)
+def test_unusable_colmap_models_are_refused(tmp_path: Path, file: str, old: str, new: str, says: str) -> None:
+    source = given(tmp_path / "given", with_points=True)
+    (source / "transforms.json").unlink()
+    edited(source, file, old, new)
+    with pytest.raises(InputError, match=says):
+        open_source(source, Selection(), None)
+
+
+def test_strong_lenses_are_not_refused() -> None:
+    import pycolmap
+
+    for model, params in (
+        ("OPENCV", [500.0, 505, 330, 228, -0.3, 0.12, 0.001, -0.002]),
+        ("OPENCV_FISHEYE", [300.0, 300, 320, 240, 0.05, -0.01, 0.0, 0.0]),
+        ("SIMPLE_RADIAL", [2500.0, 320, 240, 0.4]),
+    ):
+        check_intrinsics(pycolmap.Camera(model=model, width=640, height=480, params=params), "x")
+
+
+@pytest.mark.parametrize("name", ["cameras.txt", "images.txt", "points3D.txt"])
+def test_a_colmap_model_that_lacks_a_file_is_told_so(tmp_path: Path, name: str) -> None:
+    source = given(tmp_path / "given", with_points=True)
+    (source / "transforms.json").unlink()
+    (source / "sparse/0" / name).unlink()
+    with pytest.raises(InputError, match=f"sparse/0: a COLMAP model without {name}; export it again"):
+        open_source(source, Selection(), None)
+
+
+@pytest.mark.parametrize("is_colmap", [True, False])
+def test_a_camera_of_another_shape_than_the_pictures_is_refused(tmp_path: Path, is_colmap: bool) -> None:
+    source = given(tmp_path / "given", with_points=True)
+    if is_colmap:
+        (source / "transforms.json").unlink()
+        edited(source, "cameras.txt", "320 240", "240 320")
+    else:
+        document = json.loads((source / "transforms.json").read_text())
+        (source / "transforms.json").write_text(json.dumps(document | {"w": 240, "h": 320}))
+    with pytest.raises(InputError, match=r"camera is 240x320, which is not the shape of the pictures, 320x240"):
+        make_capture(source, tmp_path / "capture", replace(SETTINGS, movers="off"), None, silent)
+    assert not (tmp_path / "capture").exists()
+
+
+def test_sizes_of_one_picture() -> None:
+    assert same_shape((240, 126), (1024, 540))
+    assert same_shape((1024, 540), (240, 127))
+    assert same_shape((3840, 2160), (960, 540))
+    assert not same_shape((1024, 540), (1024, 576))
+    assert not same_shape((640, 480), (480, 640))
+
+
+def test_two_cameras_and_points_without_tracks(tmp_path: Path) -> None:
+    source = given(tmp_path / "given", with_points=True)
+    (source / "transforms.json").unlink()
+    edited(source, "cameras.txt", "\n", "\n2 PINHOLE 320 240 400 400 160 120\n")
+    edited(source, "images.txt", "1 000003.png", "2 000003.png")
+    with pytest.raises(InputError, match=r"sparse/0: its frames have 2 cameras, and no points that tell which frames"):
+        make_capture(source, tmp_path / "capture", replace(SETTINGS, movers="off"), None, silent)

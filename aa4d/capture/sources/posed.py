@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -11,7 +12,8 @@ import pycolmap
 
 from aa4d.capture.annotations import read_annotations
 from aa4d.capture.clip import Clip
-from aa4d.capture.reader import frame_of_index
+from aa4d.capture.intrinsics import check_intrinsics, check_size
+from aa4d.capture.reader import frame_of_index, is_rigid
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source, folder
 from aa4d.errors import InputError
@@ -19,6 +21,7 @@ from aa4d.files import read_json_object
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 IMAGE_FOLDERS = ("images", "frames", "input", ".")
+MODEL_FILES = ("cameras", "images", "points3D")
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -26,6 +29,7 @@ OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 class PosedPictures:
     """A COLMAP reconstruction whose images go by the pictures' labels; without points where the source has none."""
 
+    file: Path  # or folder, that the cameras were read from
     model: Any
     world: str | None  # in words, where the world is kept as it is; None: nothing says how it stands
     is_metric: bool = False
@@ -36,7 +40,11 @@ class PosedPictures:
         return any(p.track.length() > 1 for p in self.model.points3D.values())
 
     def of_clip(self, clip: Clip) -> Any:
-        """A reconstruction of the clip's frames: cameras at the clip's size, images under its file names."""
+        """A reconstruction of the clip's frames: cameras at the clip's size, images under its file names.
+
+        Raises:
+            InputError: the cameras are of pictures of another shape, or several where points are to be triangulated.
+        """
         model = pycolmap.Reconstruction(self.model)
         by_label = {frame.label: frame.file for frame in clip.frames}
         for image_id in list(model.reg_image_ids()):
@@ -45,9 +53,29 @@ class PosedPictures:
                 image.name = by_label[image.name]
             else:
                 model.deregister_frame(image.frame_id)
-        for camera in model.cameras.values():
+        used = {model.image(i).camera_id for i in model.reg_image_ids()}
+        if len(used) > 1 and not self.has_points:
+            raise InputError(
+                f"{self.file}: its frames have {len(used)} cameras, and no points that tell which frames show them; "
+                "give frames of one camera, or a COLMAP model whose points have tracks (or the pictures alone, without "
+                "cameras)"
+            )
+        for number in used:
+            camera = model.camera(number)
+            if not same_shape((camera.width, camera.height), clip.source_size):
+                width, height = clip.source_size
+                raise InputError(
+                    f"{self.file}: its camera is {camera.width}x{camera.height}, which is not the shape of the "
+                    f"pictures, {width}x{height}; give the pictures that the cameras were found with"
+                )
             camera.rescale(clip.width, clip.height)
         return model
+
+
+def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether two sizes are of one picture, made smaller and rounded to whole pixels."""
+    small, large = np.array(sorted([one, other]), np.float64)
+    return bool(np.abs(large * (small[0] / large[0]) - small).max() <= 1)
 
 
 def recognises(path: Path) -> bool:
@@ -65,15 +93,18 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     if transforms.is_file():
         index, root = transforms, path
         times_s, is_metric = _own_capture(path)
-        posed = PosedPictures(read_transforms(index), "transforms.json, whose world is kept", is_metric)
+        posed = PosedPictures(index, read_transforms(index), "transforms.json, whose world is kept", is_metric)
         if model_folder is not None:
             notes.append(f"cameras are those of transforms.json; {model_folder.relative_to(path)} is not read")
     else:
         assert model_folder is not None
         index, root = model_folder, _image_folder(path)
-        posed = PosedPictures(_read_colmap(index), None)
+        posed = PosedPictures(index, _read_colmap(index), None)
     names = [posed.model.image(i).name for i in posed.model.reg_image_ids()]
     files = {name: root / _inside(name, index) for name in names}
+    twice = [name for name, count in Counter(_inside(n, index) for n in names).items() if count > 1]
+    if twice:
+        raise InputError(f"{index}: names the picture {twice[0]} twice; give every frame its own")
     missing = [name for name, file in files.items() if not file.is_file()]
     if len(missing) == len(names):
         raise InputError(f"{root}: holds none of the {len(names)} pictures that {index} names; put them there")
@@ -109,12 +140,22 @@ def _own_capture(path: Path) -> tuple[dict[str, float], bool]:
 
 def _model_folder(path: Path) -> Path | None:
     for name in MODEL_FOLDERS:
-        if any((path / name / f"images.{kind}").is_file() for kind in ("bin", "txt")):
+        # Two of the three: one that lacks a file is told so.
+        if len(_missing(path / name)) <= 1:
             return path / name
     return None
 
 
+def _missing(model_folder: Path) -> list[str]:
+    """Names of the files that a COLMAP model needs, of the kind of which fewer are missing."""
+    kinds = [[f for name in MODEL_FILES if not (model_folder / (f := f"{name}.{k}")).is_file()] for k in ("bin", "txt")]
+    return min(kinds, key=len)
+
+
 def _read_colmap(model_folder: Path) -> Any:
+    missing = _missing(model_folder)
+    if missing:
+        raise InputError(f"{model_folder}: a COLMAP model without {missing[0]}; export it again")
     try:
         model = pycolmap.Reconstruction(model_folder)
     except Exception as error:  # COLMAP's own checks raise RuntimeError, ValueError and others
@@ -122,6 +163,14 @@ def _read_colmap(model_folder: Path) -> Any:
         raise InputError(f"{model_folder}: cannot be read as a COLMAP model ({reason}); export it again") from None
     if model.num_reg_images() == 0:
         raise InputError(f"{model_folder}: holds no image with a pose; reconstruct it again")
+    images = [model.image(i) for i in model.reg_image_ids()]
+    for image in images:
+        pose = image.cam_from_world()
+        # COLMAP reads a quaternion of any length, and takes one of none for no rotation.
+        if not (abs(np.linalg.norm(pose.rotation.quat) - 1) < 1e-3 and np.isfinite(pose.translation).all()):
+            raise InputError(f"{model_folder}: the pose of {image.name} is not a rotation and a translation")
+    for number in sorted({image.camera_id for image in images}):
+        check_intrinsics(model.camera(number), f"{model_folder}: camera {number}")
     return model
 
 
@@ -161,11 +210,13 @@ def read_transforms(path: Path) -> Any:
             raise InputError(f"{path}: key {error} is missing, for frame {number - 1}; export it again") from None
         except (TypeError, ValueError) as error:
             raise InputError(f"{path}: frame {number - 1} cannot be understood ({error}); export it again") from None
-        if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3]) - 1) > 1e-3:
-            raise InputError(f"{path}: transform_matrix of frame {number - 1} is not a rotation and a translation")
+        if not is_rigid(matrix, 1e-3):
+            raise InputError(f"{path}: transform_matrix of {name} is not a rotation and a translation")
         if key not in cameras:
             kind, width, height, *parameters = key
+            check_size(width, height, f"{path}: frame {number - 1}")
             camera = pycolmap.Camera(model=kind, width=width, height=height, params=parameters)
+            check_intrinsics(camera, f"{path}: frame {number - 1}")
             camera.camera_id = cameras[key] = len(cameras) + 1
             model.add_camera_with_trivial_rig(camera)
         viewmat = np.linalg.inv(matrix @ OPENGL_TO_OPENCV)
