@@ -57,10 +57,10 @@ def write_json(path: Path, value: Any) -> None:
 def read_json_object(path: Path, what: str) -> dict[str, Any]:
     """Raises InputError where the file is absent, is not JSON or holds something other than an object."""
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
+        value = json.loads(path.read_text(encoding="utf-8-sig"))  # some editors begin with a byte order mark
     except FileNotFoundError:
         raise InputError(f"{path}: not found; expected {what}") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:  # no text, no JSON, numbers or nesting without end
         raise InputError(f"{path}: not readable as {what} ({error})") from None
     if not isinstance(value, dict):
         raise InputError(f"{path}: expected {what}, found a JSON {type(value).__name__}")

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from aa4d.errors import InputError
 
 MOST_OUTSIDE = 0.02  # of the boxes: genuine ones reach over the edge, their middles do not
+MOST = 1e6  # of a frame number or a pixel, in size: no video has more, and beyond 2^63 numbers turn into others
+IGNORED = "_gt_ignore"  # at the end of the names of UAVDT's files of regions in which nobody has looked for vehicles
 VISDRONE_IGNORED = 0  # category: a region that nobody has annotated
 
 
@@ -49,15 +51,18 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
     Raises:
         InputError: another layout, a damaged row, no frame in common, or frames without numbers.
     """
+    if path.stem.endswith(IGNORED):
+        vehicles = path.name.replace(IGNORED, "_gt_whole")
+        raise InputError(f"{path}: holds regions to be ignored, not movers; give the file of vehicles ({vehicles})")
     if numbers is None:
         raise InputError(f"{path}: boxes go by frame number, and the frames' file names have none; rename the frames")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give the annotation file") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: is no text; give the annotation file") from None
-    rows = []
+    rows: list[list[float]] = []
     for line_number, line in enumerate(text.splitlines(), 1):
         if not line.strip():
             continue
@@ -65,9 +70,15 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
             rows.append([float(value) for value in line.strip().rstrip(",").split(",")])
         except ValueError:
             raise InputError(f"{path}: line {line_number} is not a row of numbers: {line[:60]!r}") from None
-        if len(rows[-1]) != len(rows[0]) or not np.isfinite(rows[-1]).all():
-            raise InputError(f"{path}: line {line_number} is not like the first; restore the file")
-    if not rows:  # UAVDT's ignore files can be empty
+        if len(rows[-1]) != len(rows[0]):
+            raise InputError(
+                f"{path}: line {line_number} has another number of columns than the first; restore the file"
+            )
+        if not (np.abs(rows[-1]) < MOST).all():
+            raise InputError(f"{path}: line {line_number} holds what is no frame and no pixel: {line[:60]!r}")
+        if not all(side > 0 for side in _box(rows[-1])[2:]):
+            raise InputError(f"{path}: line {line_number} is a box without width or height: {line[:60]!r}; restore it")
+    if not rows:
         return Annotations(path, "empty", {})
     table = np.array(rows)
     if table.shape[1] == 10:
@@ -88,6 +99,11 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
             f"{min(numbers)} to {max(numbers)}: give this sequence's own with --annotations"
         )
     return Annotations(path, layout, boxes)
+
+
+def _box(row: list[float]) -> list[float]:
+    """Left, top, width and height: the third to the sixth column, where there are more than those."""
+    return row[2:6] if len(row) > 4 else row
 
 
 def _by_frame(frame: NDArray[np.float64], boxes: NDArray[np.float64]) -> dict[int, NDArray[np.float64]]:

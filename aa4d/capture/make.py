@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 from aa4d.capture import features, mapping, matching, movers
 from aa4d.capture.advice import advice, field_of_view_advice
 from aa4d.capture.clip import Clip
-from aa4d.capture.orientation import World, find_world, kept_world
+from aa4d.capture.orientation import World, centres_of, find_world, kept_world
 from aa4d.capture.pictures import save_png
+from aa4d.capture.reader import FARTHEST_M
 from aa4d.capture.report import write_report
 from aa4d.capture.selection import make_clip, some
 from aa4d.capture.selfcheck import check_capture
@@ -47,6 +49,7 @@ class Made:
     size: tuple[int, int]  # of the capture's frames: width and height
     fov_deg: float  # horizontal, of the capture's frames
     world: dict[str, Any]
+    movers: str  # how they were found, and how much of the frames they cover
     notes: tuple[str, ...]
     advice: tuple[str, ...]
     seconds: dict[str, float]
@@ -68,6 +71,9 @@ def make_capture(
         InputError: bad input; one sentence that says what to do.
         Interrupted: Ctrl-C; what was done is kept.
     """
+    for given in (path.resolve(), out.resolve()):
+        if given != Path(os.fsencode(given).decode("utf-8", errors="replace")):
+            raise InputError(f"{given}: has a name that is no text (UTF-8), which no report could show; rename it")
     if annotations is not None and settings.movers == "off":
         raise InputError(
             f"{annotations}: boxes are for masks, which --movers off switches off; leave out one of the two"
@@ -135,6 +141,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     given = None if posed is None else posed.of_clip(clip)
 
     masks: Path | None = None
+    movers_told = "off"
     if settings.movers == "auto":
         masked = workspace.step(
             "movers",
@@ -143,6 +150,8 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         )
         masks = masked.folder
         notes += masked.result["notes"]
+        share = float(np.mean(masked.result["share"]))
+        movers_told = f"{movers_kind(source)}, {100 * share:.2g} % of the pixels masked"
 
     geometry: dict[str, Any] = {"geometry": {}, "gaps": []}
     is_stated = settings.fov_deg is not None
@@ -195,6 +204,8 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         Shot(Path(clip.frames[rank].file).stem, clip.frames[rank].label, clip.frames[rank].time_s, viewmat_of(image))
         for image, rank in in_order
     ]
+
+    _check_reach(path, shots, world)
 
     def pictures_step(folder: Path, progress: Progress) -> dict[str, Any]:
         maps: dict[int, Undistortion] = {}
@@ -259,6 +270,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         size=(pinhole.width, pinhole.height),
         fov_deg=fov_deg,
         world=world.as_json(),
+        movers=movers_told,
         notes=tuple(notes),
         advice=tuple(said),
         seconds=dict(workspace.seconds),
@@ -332,6 +344,17 @@ def _world(
         return kept_world(viewmats, points, source.posed.world, source.posed.is_metric, settings.altitude_m)
     positions = [clip.frames[rank].position for _, rank in in_order]
     return find_world(viewmats, points, positions, settings.altitude_m, settings.seed)
+
+
+def _check_reach(path: Path, shots: list[Shot], world: World) -> None:
+    """Raises InputError where a camera lies further from the origin than a capture may have it."""
+    reach = np.abs(centres_of(np.array([shot.viewmat for shot in shots]))).max(axis=1)
+    if reach.max() > FARTHEST_M:
+        raise InputError(
+            f"{path}: the camera of {shots[int(reach.argmax())].label} would lie {reach.max():.3g} from the origin "
+            f"({world.scale_from}), over {FARTHEST_M:g}; leave that frame out, move the origin to the scene, "
+            "or use a shorter part of the flight (--start, --end)"
+        )
 
 
 def _observations(

@@ -30,6 +30,7 @@ AROUND_PX = 9  # a mask is wider than what was found: blurred outlines belong to
 SAMPLES = 4000  # flow vectors that the background's motion is estimated from
 BORDER_SHARE = 0.3  # of a box, on every side: the shadow and the blurred outline belong to the car
 SMALLEST = 1.5e-4  # of the picture's area, of a moving patch
+FEW_BOXED = 0.5  # of the frames used
 LARGEST = 0.35  # of the picture's area: where more seems to move, the background was not found
 
 Floats = NDArray[np.float32]
@@ -67,8 +68,13 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
             save_png(path, np.where(moving, 0, 255).astype(np.uint8))
         shares.append(float(moving.mean()))
         progress(i + 1, len(clip.frames))
-    if annotations is not None and annotations.boxes and not any(f.number in annotations.boxes for f in clip.frames):
-        notes.append(f"{annotations.file} has no box for any frame used: no mover is masked")
+    if annotations is not None:
+        boxed = sum(f.number in annotations.boxes for f in clip.frames)
+        if boxed < FEW_BOXED * len(clip.frames):
+            notes.append(
+                f"{annotations.file} has boxes for {boxed} of the {len(clip.frames)} frames used: "
+                "in the others no mover is masked"
+            )
     return Movers("epipolar" if annotations is None else "boxes", shares, notes)
 
 

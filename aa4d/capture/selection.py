@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from bisect import bisect_left
 from collections import Counter
@@ -22,6 +23,7 @@ from aa4d.errors import InputError
 SHARPNESS_PX = 640  # sharpness and repetition are judged on pictures of that width
 THUMBNAIL = (64, 36)
 NEIGHBOURS = 5  # sharpness is compared with the median of so many frames to each side
+MOST_OBLONG = 20  # a side of the other: beyond, smaller pictures would have no pixel across
 FEWEST = 3  # frames, for a reconstruction
 
 
@@ -127,6 +129,8 @@ def _sharpest(
         this = tick_of(picture.time_s)
         try:
             pixels = picture.load()
+            if max(pixels.shape[:2]) > MOST_OBLONG * min(pixels.shape[:2]):
+                raise InputError(f"{pixels.shape[1]}x{pixels.shape[0]} pixels are no frame of a camera")
         except InputError as error:
             notes.append(f"{picture.label} left out: {error}")
             continue
@@ -195,6 +199,11 @@ def _reject(kept: list[Candidate], rejected: list[int], reason: str, folder: Pat
     notes.append(f"{some(labels)} left out: {reason}")
     for i in reversed(rejected):
         (folder / kept.pop(i).file).unlink()
+
+
+def shown(path: Path) -> str:
+    """A file's name as text that can be stored and shown: on some systems names are any bytes."""
+    return os.fsencode(path.name).decode("utf-8", errors="backslashreplace")
 
 
 def some(labels: list[str]) -> str:

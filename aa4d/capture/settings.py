@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+USUAL_FPS = 30.0
+
 
 @dataclass(frozen=True)
 class Selection:
@@ -14,10 +16,18 @@ class Selection:
     start_s: float = 0.0
     end_s: float | None = None
     max_frames: int = 150
-    source_fps: float = 30.0  # of a folder of frames, which does not say it
+    source_fps: float | None = None  # of a folder of frames, which does not say it: None is USUAL_FPS
     longest_px: int = 1600  # frames are made smaller than that
     blurred_below: float = 0.35  # share of its neighbours' sharpness below which a frame is left out; 0: none is
     duplicate_below: float = 0.4  # mean grey-level difference from the frame before; 0: only identical ones
+
+    @property
+    def folder_fps(self) -> float:
+        return USUAL_FPS if self.source_fps is None else self.source_fps
+
+    def ignored_fps(self, source: str) -> list[str]:
+        """A note where a rate was stated for a `source` that says its own times."""
+        return [] if self.source_fps is None else [f"--fps {self.source_fps:g} is ignored: {source} says its own times"]
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +20,8 @@ from aa4d.errors import InputError
 
 if TYPE_CHECKING:
     from aa4d.capture.make import Made
+
+MOST_THREADS = 256  # more than cores on nearly all machines; what a system cannot start ends the whole process
 
 
 def capture(
@@ -38,8 +41,9 @@ def capture(
     end: Annotated[float | None, arg(metavar="FLOAT", help="Second of the input to end at.")] = None,
     max_frames: Annotated[int, arg(help="Frames to use at most, evenly over the range.")] = 150,
     fps: Annotated[
-        float, arg(help="Frames a second that a folder of frames was filmed with; a video says its own.")
-    ] = 30,
+        float | None,
+        arg(metavar="FLOAT", help="Frames a second that a folder of frames was filmed with; by default 30."),
+    ] = None,
     longest_px: Annotated[int, arg(help="Longest side of the frames that are reconstructed from.")] = 1600,
     size: Annotated[
         int, arg(help="Longest side of the capture's frames, in pixels: training's cost grows with it.")
@@ -65,24 +69,24 @@ def capture(
 ) -> None:
     """Make a capture from a drone video or its frames: cameras, points, masks of movers. Continues where it stopped."""
     from aa4d.capture.make import make_capture
+    from aa4d.capture.reader import FARTHEST_M, MOST_PX
     from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 
-    for name, value, least in (
-        ("--rate", rate, 1e-3),
-        ("--max-frames", max_frames, 3),
-        ("--fps", fps, 1e-3),
-        ("--longest-px", longest_px, 64),
-        ("--size", size, 64),
-        ("--altitude", altitude, 1e-3),
-        ("--fov", fov, 1),
-        ("--start", start, 0),
-        ("--seed", seed, 0),
-        ("--threads", threads, 1),
+    for name, value, least, most in (
+        ("--rate", rate, 1e-3, 1e6),
+        ("--start", start, 0, 1e9),
+        ("--end", end, 0, 1e9),
+        ("--max-frames", max_frames, 3, 1e6),
+        ("--fps", fps, 1e-3, 1e6),
+        ("--longest-px", longest_px, 64, MOST_PX),
+        ("--size", size, 64, MOST_PX),
+        ("--altitude", altitude, 1e-3, FARTHEST_M),
+        ("--fov", fov, 1, 150),
+        ("--seed", seed, 0, 2**31 - 1),
+        ("--threads", threads, 1, MOST_THREADS),
     ):
-        if value is not None and not least <= value < 1e9:
-            raise InputError(f"{name} {value:g}: must be at least {least:g}")
-    if fov is not None and fov > 150:
-        raise InputError(f"--fov {fov:g}: must be at most 150")
+        if value is not None and not least <= value <= most:
+            raise InputError(f"{name} {value:.10g}: must be at least {least:.10g} and at most {most:.10g}")
     if end is not None and not end > start:
         raise InputError(f"--end {end:g}: must lie after --start {start:g}")
     selection = Selection(
@@ -113,7 +117,7 @@ def tell(made: Made) -> None:
         f"{made.frames} of {made.used} frames have a pose, {made.points} points, reprojection error "
         f"{made.reprojection_px:.2f} px in frames of {width}x{height}, field of view {made.fov_deg:.0f} degrees, "
         f"{sum(made.seconds.values()):.0f} s\n"
-        f"scale: {unit} ({made.world['scale_from']}{fit})\nup: {made.world['up_from']}",
+        f"scale: {unit} ({made.world['scale_from']}{fit})\nup: {made.world['up_from']}\nmovers: {made.movers}",
         highlight=False,
         soft_wrap=True,
     )
@@ -121,8 +125,9 @@ def tell(made: Made) -> None:
         console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
     for line in made.advice:
         console.print(f"advice: {line}", markup=False, highlight=False, soft_wrap=True)
+    folder = shlex.quote(str(made.folder))
     console.print(
-        f"capture: {made.folder}\nreport:  {made.report}\nnext:    aa4d train {made.folder} --out RUN",
+        f"capture: {made.folder}\nreport:  {made.report}\nnext:    aa4d train {folder} --out RUN",
         markup=False,
         highlight=False,
         soft_wrap=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -35,7 +36,7 @@ def silent(*_: Any) -> Callable[..., None]:
 
 def clip_of(path: Path, folder: Path, selection: Selection | None = None) -> Clip:
     folder.mkdir()
-    selection = selection or Selection(source_fps=10.0)
+    selection = selection or Selection(source_fps=10.0 if path.is_dir() else None)
     source = open_source(path, selection, None)
     return make_clip(source.pictures, source.times_s(), selection, source.notes, folder, lambda *_: None)
 
@@ -196,12 +197,12 @@ def test_files_that_are_no_pictures_and_damaged_ones(tmp_path: Path) -> None:
     source = aerial.write(tmp_path / "frames", IMAGES)
     (source / "notes.txt").write_text("x")
     (source / "Thumbs.db").write_bytes(b"x")
-    damaged = source / "frame_0004.png"
+    damaged = source / "frame_0000.png"
     damaged.write_bytes(damaged.read_bytes()[:500])
     clip = clip_of(source, tmp_path / "clip")
     assert len(clip.frames) == 8
     assert any("Thumbs.db, notes.txt left out: no picture" in note for note in clip.notes)
-    assert any("frame_0004.png left out" in note for note in clip.notes)
+    assert any("frame_0000.png left out" in note for note in clip.notes)
 
 
 def sixteen_bit(image: np.ndarray) -> Image.Image:
@@ -274,8 +275,8 @@ def test_a_blurred_frame_is_left_out(tmp_path: Path) -> None:
     images = [*IMAGES]
     images[4] = cv2.GaussianBlur(images[4], (0, 0), 4)
     clip = clip_of(aerial.write(tmp_path / "frames", images), tmp_path / "clip")
-    assert [f.label for f in clip.frames if f.label == "frame_0004.png"] == []
-    assert any("frame_0004.png left out: blurred" in note for note in clip.notes)
+    assert [f.label for f in clip.frames if f.label == "frame_0000.png"] == []
+    assert any("frame_0000.png left out: blurred" in note for note in clip.notes)
 
 
 def test_of_a_video_the_sharpest_frame_of_each_tick_is_taken(tmp_path: Path) -> None:
@@ -286,6 +287,46 @@ def test_of_a_video_the_sharpest_frame_of_each_tick_is_taken(tmp_path: Path) -> 
     numbers = [f.number for f in clip.frames]
     assert len(numbers) >= 8
     assert all(n is not None and n % 2 == 1 for n in numbers)
+
+
+def test_a_strip_is_no_frame(tmp_path: Path) -> None:
+    source = aerial.write(tmp_path / "frames", IMAGES[:3])
+    for i in range(3, 6):
+        Image.new("RGB", (17_000, 20)).save(source / f"frame_000{i}.png")
+    clip = clip_of(source, tmp_path / "clip")
+    assert len(clip.frames) == 3
+    assert any("frame_0000.png left out: 17000x20 pixels are no frame of a camera" in n for n in clip.notes)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names there are text")
+def test_names_that_are_no_text(tmp_path: Path) -> None:
+    source = aerial.write(tmp_path / "frames", IMAGES)
+    (source / os.fsdecode(b"notes\xff.txt")).touch()
+    (source / "frame_0000.png").rename(source / os.fsdecode(b"fr\xe9me_0000.png"))
+    made = make_capture(source, tmp_path / "capture", SETTINGS, None, silent)
+    assert "notes\\xff.txt left out: no picture" in made.notes
+    assert "fr\\xe9me_0000.png" in made.report.read_text()
+    assert made.frames == 9
+    with pytest.raises(InputError, match="has a name that is no text"):
+        make_capture(source, tmp_path / os.fsdecode(b"\xe9"), SETTINGS, None, silent)
+
+
+def test_a_rate_and_subtitles_that_say_nothing_are_told(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", IMAGES, [i / 10 for i in range(9)])
+    video.with_suffix(".SRT").write_text("1\n00:00:00,000 --> 00:00:01,000\n[latitude: 0.0] [longitude: 0.0]\n")
+    notes = open_source(video, Selection(source_fps=77), None).notes
+    assert notes == [
+        "--fps 77 is ignored: a video says its own times",
+        "a.SRT holds no usable position and is not used",
+    ]
+    video.with_suffix(".SRT").unlink()
+    assert open_source(video, Selection(), None).notes == []
+
+
+def test_a_video_of_one_frame_does_not_end_early(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", IMAGES[:1], [0.0])
+    with pytest.raises(InputError, match="1 usable frame, and at least 3 are needed; give a longer clip"):
+        clip_of(video, tmp_path / "clip")
 
 
 def test_names_without_numbers_go_by_the_alphabet(tmp_path: Path) -> None:
@@ -374,11 +415,16 @@ def test_a_full_disk_is_told_and_leaves_no_capture(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--rate", "0"], "--rate 0: must be at least"),
+        (["--rate", "0"], "--rate 0: must be at least 0.001 and at most 1000000"),
         (["--rate", "nan"], "--rate nan: must be at least"),
+        (["--rate", "inf"], "--rate inf: must be at least 0.001 and at most 1000000"),
         (["--start", "5", "--end", "3"], "--end 3: must lie after --start 5"),
+        (["--end", "inf"], "--end inf: must be at least 0 and at most 1000000000"),
         (["--max-frames", "1"], "--max-frames 1: must be at least 3"),
         (["--altitude", "-3"], "--altitude -3: must be at least"),
+        (["--size", "100000000000000000000"], "--size 1e+20: must be at least 64 and at most 16384"),
+        (["--fps", "1e300"], "--fps 1e+300: must be at least 0.001 and at most 1000000"),
+        (["--threads", "1000000"], "--threads 1000000: must be at least 1 and at most 256"),
     ],
 )
 def test_impossible_settings_are_refused_by_name(

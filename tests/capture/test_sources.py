@@ -46,13 +46,13 @@ def test_genuine_uavdt_files(sequence: str) -> None:
     frame = int(np.median(table[:, 0]))
     expected = table[table[:, 0] == frame][:, 2:6]
     assert np.array_equal(read.of(frame), expected)
-    ignored = read_annotations(GENUINE / f"{sequence}_gt_ignore.txt", numbers)
-    assert ignored.layout in ("UAVDT", "empty")
+    with pytest.raises(InputError, match=r"ignore\.txt: holds regions to be ignored, not movers; .* \(M\d+_gt_whole"):
+        read_annotations(GENUINE / f"{sequence}_gt_ignore.txt", numbers)
 
 
 def test_an_empty_annotation_file_has_no_boxes(tmp_path: Path) -> None:
-    (tmp_path / "M_gt_ignore.txt").write_text("")
-    read = read_annotations(tmp_path / "M_gt_ignore.txt", [1])
+    (tmp_path / "M_gt.txt").write_text("")
+    read = read_annotations(tmp_path / "M_gt.txt", [1])
     assert read.layout == "empty"
     assert read.of(1).shape == (0, 4)
 
@@ -74,8 +74,12 @@ def test_visdrone_rows_in_its_published_format(tmp_path: Path) -> None:
         ("1,2,3\n", "rows have 3 columns; known are 10 .*: give a file of one of these kinds"),
         ("7,1,2,3,4,5,1,1,1\n", "boxes are of frames 7 to 7, .* numbered 1 to 1: give this sequence's own"),
         ("a,b\n", "line 1 is not a row of numbers"),
-        ("1,2,3,nan\n", "line 1 is not like the first"),
-        ("1,2,3,4\n1,2,3\n", "line 2 is not like the first"),
+        ("1,2,3,nan\n", "line 1 holds what is no frame and no pixel: '1,2,3,nan'"),
+        ("1,2,3,4\n1,2,3,1e300\n", "line 2 holds what is no frame and no pixel"),
+        ("1e19,1,2,3,4,5,1,1,1\n", "line 1 holds what is no frame and no pixel"),
+        ("1,2,3,4\n1,2,3\n", "line 2 has another number of columns than the first"),
+        ("1,2,3,4\n1,2,3,0\n", "line 2 is a box without width or height"),
+        ("1,1,2,3,-4,5,1,1,1\n", "line 1 is a box without width or height"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, text: str, says: str) -> None:
@@ -117,12 +121,18 @@ def test_a_range_without_any_box_is_told(tmp_path: Path) -> None:
     frames = tuple(ClipFrame(f"frame_{i:04}.png", str(i), i / 10, i + 1, 1.0, None) for i in range(2))
     clip = Clip(folder, 320, 240, (320, 240), frames, ())
     (tmp_path / "masks").mkdir()
-    far = Annotations(tmp_path / "gt.txt", "UAVDT", {50: np.array([[100.0, 100, 40, 20]])})
-    made = write_masks(clip, far, tmp_path / "masks", lambda *_: None)
-    assert made.notes == [f"{tmp_path / 'gt.txt'} has no box for any frame used: no mover is masked"]
-    near = Annotations(tmp_path / "gt.txt", "UAVDT", {2: np.array([[100.0, 100, 40, 20]])})
-    (tmp_path / "other").mkdir()
-    assert write_masks(clip, near, tmp_path / "other", lambda *_: None).notes == []
+    for number, notes in (
+        (50, [f"{tmp_path / 'gt.txt'} has boxes for 0 of the 2 frames used: in the others no mover is masked"]),
+        (2, []),
+    ):
+        boxes = Annotations(tmp_path / "gt.txt", "UAVDT", {number: np.array([[100.0, 100, 40, 20]])})
+        (tmp_path / str(number)).mkdir()
+        assert write_masks(clip, boxes, tmp_path / str(number), lambda *_: None).notes == notes
+
+
+def test_a_byte_order_mark_is_no_part_of_a_number(tmp_path: Path) -> None:
+    (tmp_path / "gt.txt").write_text("1,2,3,4\n", encoding="utf-8-sig")
+    assert np.array_equal(read_annotations(tmp_path / "gt.txt", [1]).of(1), [[1, 2, 3, 4]])
 
 
 def test_annotations_that_are_absent_or_no_text(tmp_path: Path) -> None:
@@ -147,6 +157,10 @@ def test_visdrone_layout_masks_the_boxes(tmp_path: Path) -> None:
     made = make_capture(frames, tmp_path / "capture", SETTINGS, None, silent)
     document = json.loads((made.folder / "capture.json").read_text())
     assert document["generator"]["movers"] == "boxes (VisDrone)"
+    told = re.fullmatch(r"boxes \(VisDrone\), ([0-9.]+) % of the pixels masked", made.movers)
+    assert told is not None
+    # Boxes of 40x30 in 320x240, and a border of 0.3 on every side; the last reaches over no edge.
+    assert float(told[1]) == pytest.approx(100 * 64 * 48 / (320 * 240), rel=0.05)
     capture = read_capture(made.folder)
     scale = capture.camera.width / 320
     for i in range(5):
@@ -201,6 +215,7 @@ def test_a_capture_keeps_its_world_its_metres_and_its_times(tmp_path: Path) -> N
     assert made.world["unit"] == "metres"
     assert "transforms.json, whose world is kept; capture.json says that it is in metres" in made.world["scale_from"]
     assert "cameras are those of transforms.json; sparse/0 is not read" in made.notes
+    assert "--fps 77 is ignored: capture.json says its own times" in made.notes
     assert capture.fps == pytest.approx(10)
     for frame, viewmat in zip(capture.frames, aerial.arc(), strict=True):
         assert np.allclose(frame.viewmat, viewmat, atol=1e-6)
@@ -258,6 +273,17 @@ def test_a_colmap_model_is_levelled_and_its_frames_stay_as_they_are(tmp_path: Pa
     # A pinhole camera's frames are not sampled anew.
     with Image.open(made.folder / capture.frames[4].image) as image:
         assert np.array_equal(np.asarray(image), aerial.pictures(aerial.arc())[4])
+
+
+def test_transforms_of_any_editor_and_of_none(tmp_path: Path) -> None:
+    source = given(tmp_path / "given", with_points=False)
+    text = (source / "transforms.json").read_text()
+    (source / "transforms.json").write_text(text, encoding="utf-8-sig")
+    assert open_source(source, Selection(), None).posed is not None
+    for nonsense in ("[" * 100_000, '{"w": ' + "1" * 5000 + "}"):
+        (source / "transforms.json").write_text(nonsense)
+        with pytest.raises(InputError, match=r"transforms\.json: not readable as nerfstudio's cameras"):
+            open_source(source, Selection(), None)
 
 
 SHEARED = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # its determinant is 1
@@ -384,6 +410,17 @@ def test_sizes_of_one_picture() -> None:
     assert same_shape((3840, 2160), (960, 540))
     assert not same_shape((1024, 540), (1024, 576))
     assert not same_shape((640, 480), (480, 640))
+
+
+def test_a_camera_that_lies_too_far_away_is_named(tmp_path: Path) -> None:
+    source = given(tmp_path / "given", with_points=False)
+    document = json.loads((source / "transforms.json").read_text())
+    for frame in document["frames"]:
+        frame["transform_matrix"][0][3] += 2e4  # a map's coordinates
+    (source / "transforms.json").write_text(json.dumps(document))
+    says = r"given: the camera of frames/00000\d.png would lie 2e\+04 from the origin .*, over 10000; "
+    with pytest.raises(InputError, match=says):
+        make_capture(source, tmp_path / "capture", replace(SETTINGS, movers="off"), None, silent)
 
 
 def test_two_cameras_and_points_without_tracks(tmp_path: Path) -> None:

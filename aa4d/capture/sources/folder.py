@@ -13,6 +13,7 @@ from aa4d.capture.clip import Picture
 from aa4d.capture.colmap import quiet
 from aa4d.capture.gnss import position_of_photograph
 from aa4d.capture.pictures import EXTENSIONS, is_plain, read_picture
+from aa4d.capture.selection import shown, some
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source
 from aa4d.errors import InputError
@@ -30,17 +31,15 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     found = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     files = [p for p in found if p.suffix.lower() in EXTENSIONS]
     notes = []
-    others = [p.name for p in found if p.suffix.lower() not in EXTENSIONS]
+    others = [shown(p) for p in found if p.suffix.lower() not in EXTENSIONS]
     if others:
-        from aa4d.capture.selection import some
-
         notes.append(f"{some(others)} left out: no picture")
     if not files:
         raise InputError(f"{path}: holds no picture ({', '.join(EXTENSIONS)}); give the folder that holds the frames")
     files, numbers = in_order(files)
-    times = [i / selection.source_fps for i in range(len(files))]
+    times = [i / selection.folder_fps for i in range(len(files))]
     if numbers is not None:
-        times = [(n - numbers[0]) / selection.source_fps for n in numbers]
+        times = [(n - numbers[0]) / selection.folder_fps for n in numbers]
     elif len(files) > 1:
         notes.append("file names without numbers: their alphabetical order is taken for that of time")
     pictures = [
@@ -65,7 +64,7 @@ def _focal_share(photograph: Path) -> float | None:
 
 def picture_of(file: Path, time_s: float, number: int | None) -> Picture:
     return Picture(
-        label=file.name,
+        label=shown(file),
         time_s=time_s,
         number=number,
         load=partial(read_picture, file),

@@ -89,11 +89,12 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     """
     model_folder, transforms = _model_folder(path), path / "transforms.json"
     times_s: dict[str, float] = {}
-    notes = []
+    notes: list[str] = []
     if transforms.is_file():
         index, root = transforms, path
         times_s, is_metric = _own_capture(path)
         posed = PosedPictures(index, read_transforms(index), "transforms.json, whose world is kept", is_metric)
+        notes += selection.ignored_fps("capture.json") if times_s else []
         if model_folder is not None:
             notes.append(f"cameras are those of transforms.json; {model_folder.relative_to(path)} is not read")
     else:
@@ -116,7 +117,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     for rank, file in enumerate(ordered):
         number = None if numbers is None else numbers[rank]
         at = rank if numbers is None else numbers[rank] - numbers[0]
-        picture = folder.picture_of(file, times_s.get(present[file], at / selection.source_fps), number)
+        picture = folder.picture_of(file, times_s.get(present[file], at / selection.folder_fps), number)
         pictures.append(replace(picture, label=present[file]))
     read = None if annotations is None else read_annotations(annotations, numbers)
     beside = [*index.iterdir()] if index.is_dir() else [index, path / "capture.json"]

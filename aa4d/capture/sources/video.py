@@ -30,10 +30,12 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     """Frames with their presentation times; a DJI drone's subtitles of the same name give positions."""
     if annotations is not None:
         raise InputError(f"{annotations}: boxes go by frame number, and a video has none; extract its frames first")
-    notes: list[str] = []
+    notes = selection.ignored_fps("a video")
     index = cache(partial(_index, path, notes))
     subtitles = next((p for p in (path.with_suffix(".SRT"), path.with_suffix(".srt")) if p.is_file()), None)
     track = None if subtitles is None else read_subtitles(subtitles)
+    if subtitles is not None and track is None:
+        notes.append(f"{subtitles.name} holds no usable position and is not used")
     files = (path,) if subtitles is None else (path, subtitles)
     return Source("video", _frames(path, selection, track, index, notes), lambda: index().times_s, files, notes)
 
@@ -82,7 +84,7 @@ def _index(path: Path, notes: list[str]) -> Index:
     if not times:
         raise InputError(f"{path}: holds no frame; copy it again")
     shown = np.sort(times) - min(times)
-    steps = np.diff(shown) if len(shown) > 1 else np.zeros(1)
+    steps = np.diff(shown) if len(shown) > 1 else np.array([duration])
     if steps.max() > 1.5 * np.median(steps):
         notes.append("variable frame rate: every frame keeps its own presentation time")
     return Index(min(times), shown.tolist(), float(np.median(steps)), max(duration, float(shown[-1])))
