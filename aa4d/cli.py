@@ -22,6 +22,7 @@ from aa4d.commands.sweep import sweep
 from aa4d.commands.synth import synth
 from aa4d.commands.train import train
 from aa4d.errors import InputError, Interrupted
+from aa4d.interrupts import end_quietly_while_importing
 
 DESCRIPTION = (
     "AdaAnchor4D: drone video of moving traffic becomes a 4D scene that you can scrub in Blender. "
@@ -51,10 +52,14 @@ for name, command in COMMANDS.items():
 
 
 def main() -> None:
+    end_quietly_while_importing()  # commands import what they need
     if sys.argv[1:] == ["--version"]:
         print(f"aa4d {__version__}")
         return
     try:
+        if any(a == "" or (a.startswith("--") and a.endswith("=")) for a in sys.argv[1:]):
+            # As a path it would be the current folder.
+            raise InputError("an argument is empty; name what it should be (is a variable of the shell not set?)")
         app.cli(prog="aa4d", description=DESCRIPTION)
     except InputError as error:
         Console(stderr=True).print(f"aa4d: {error}", markup=False, highlight=False, soft_wrap=True)

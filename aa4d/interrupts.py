@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -32,3 +34,23 @@ def stop_requests() -> Iterator[StopRequest]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def end_quietly_while_importing() -> None:
+    """From here on, Ctrl-C while a module is imported ends the process at once, with exit code 130.
+
+    An exception there is no use: nothing has begun that could be saved, and libraries take it for a fault of theirs
+    ("cannot import the C++ backend") or leave half a module behind. At any other moment it is KeyboardInterrupt.
+    """
+    if threading.current_thread() is threading.main_thread():  # elsewhere signals belong to somebody else
+        signal.signal(signal.SIGINT, _interrupt)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    outer = frame
+    while outer is not None:
+        if outer.f_code.co_filename.startswith("<frozen importlib"):
+            os.write(2, b"aa4d: stopped\n")
+            os._exit(128 + number)
+        outer = outer.f_back
+    signal.default_int_handler(number, frame)

@@ -26,6 +26,8 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
     ("arguments", "says"),
     [
         (("synth", "absent.toml", "--out", "capture"), "absent.toml: cannot read the scene file"),
+        (("capture", "", "--out", "capture"), "an argument is empty; name what it should be"),
+        (("capture", "absent", "--out="), "an argument is empty; name what it should be"),
         (("train", "absent", "--out", "run"), "absent: no such capture folder"),
         (("train", __file__, "--out", "run"), "test_cli.py: is a file; name the folder of the capture"),
         (("eval", "absent"), "no such model file"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 NOTHING_RECONSTRUCTED = "no cameras could be reconstructed"
 GOOD_SHARE = 0.95
 GOOD_ERROR_PX = 1.0
@@ -10,8 +12,24 @@ FLAT = ("PLANAR", *TURNING)
 FLAT_SHARE = 0.9  # of the pairs: with more, next to nothing in the frames tells the focal length
 
 
-def no_model_advice(geometry: dict[str, int]) -> str:
-    """Why there is no model, from the kinds of two-view geometry among the matched pairs."""
+@dataclass(frozen=True)
+class Advice:
+    """What the console and the report say, and what only the report adds."""
+
+    what: str
+    why: str = ""
+
+
+def no_model_advice(geometry: dict[str, int], is_stated: bool) -> str:
+    """Why there is no model, from the kinds of two-view geometry among the matched pairs.
+
+    Args:
+        is_stated: whether the field of view is what the user says.
+    """
+    return _missing_from(geometry) + ("; or --fov is not the camera's: leave it out" if is_stated else "")
+
+
+def _missing_from(geometry: dict[str, int]) -> str:
     pairs = sum(geometry.values())
     if pairs == 0:
         return (
@@ -29,23 +47,26 @@ def no_model_advice(geometry: dict[str, int]) -> str:
     )
 
 
-def field_of_view_advice(geometry: dict[str, int], fov_deg: float, was_kept: bool) -> list[str]:
+def field_of_view_advice(geometry: dict[str, int], fov_deg: float, was_kept: bool) -> list[Advice]:
     """Of a reconstruction whose focal length nobody stated: how far the frames themselves tell it."""
     pairs, flat = sum(geometry.values()), sum(geometry.get(kind, 0) for kind in FLAT)
     if not was_kept and flat <= FLAT_SHARE * pairs:
         return []
     origin = "are the usual ones, taken because the frames gave impossible ones," if was_kept else "were found here"
-    said = (
-        f"The frames hardly tell the field of view: {flat} of {pairs} pairs look like pictures of one plane (the "
-        f"ground is flat, or little way was flown between them). The {fov_deg:.0f} degrees that {origin} can be far "
-        "off, and all heights with them, however low the reprojection error is. If you know the camera's, give --fov."
+    what = (
+        f"The field of view, {fov_deg:.0f} degrees, is doubtful, and all heights with it: the frames hardly tell it. "
+        "If you know the camera's, give --fov."
     )
-    return [said]
+    why = (
+        f"{flat} of {pairs} pairs look like pictures of one plane (the ground is flat, or little way was flown between "
+        f"them). The {fov_deg:.0f} degrees that {origin} can be far off, however low the reprojection error is."
+    )
+    return [Advice(what, why)]
 
 
-def advice(registered_share: float, error_px: float, other_models: int, gaps: int, blurred: int) -> list[str]:
+def advice(registered_share: float, error_px: float, other_models: int, gaps: int, blurred: int) -> list[Advice]:
     """What a poor reconstruction needs; empty where it is good."""
-    said = []
+    said: list[str] = []
     if other_models:
         said.append(
             "The clip falls into parts that could not be joined: a cut, a fast turn, or too little overlap. Capture "
@@ -65,4 +86,4 @@ def advice(registered_share: float, error_px: float, other_models: int, gaps: in
         )
     if blurred > 0:
         said.append("Blurred frames were left out: a shorter exposure gives sharper ones.")
-    return said
+    return [Advice(what) for what in said]

@@ -16,7 +16,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from aa4d.capture import features, mapping, matching, movers
-from aa4d.capture.advice import advice, field_of_view_advice
+from aa4d.capture.advice import Advice, advice, field_of_view_advice
 from aa4d.capture.clip import Clip
 from aa4d.capture.orientation import World, centres_of, find_world, kept_world
 from aa4d.capture.pictures import save_png
@@ -51,7 +51,7 @@ class Made:
     world: dict[str, Any]
     movers: str  # how they were found, and how much of the frames they cover
     notes: tuple[str, ...]
-    advice: tuple[str, ...]
+    advice: tuple[Advice, ...]
     seconds: dict[str, float]
     report: Path
 

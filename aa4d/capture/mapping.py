@@ -71,12 +71,12 @@ def reconstruct(
         if _registered(best) >= ENOUGH * len(names):
             break
     if not best:
-        raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice(geometry)}")
+        raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice(geometry, focal_is_known)}")
     ordered = sorted(best.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
     model = ordered[0]
     angles = triangulation_angles_deg(model)
     if float(np.median(angles)) < PARALLAX_DEG:
-        raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice({'PANORAMIC': 1})}")
+        raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice({'PANORAMIC': 1}, focal_is_known)}")
     target = folder / "model"
     target.mkdir(exist_ok=True)
     model.write(target)

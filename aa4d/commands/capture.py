@@ -124,7 +124,7 @@ def tell(made: Made) -> None:
     for note in made.notes:
         console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
     for line in made.advice:
-        console.print(f"advice: {line}", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"advice: {line.what}", markup=False, highlight=False, soft_wrap=True)
     folder = shlex.quote(str(made.folder))
     console.print(
         f"capture: {made.folder}\nreport:  {made.report}\nnext:    aa4d train {folder} --out RUN",

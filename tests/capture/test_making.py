@@ -20,7 +20,7 @@ import pytest
 from PIL import Image
 
 from aa4d.capture import colmap
-from aa4d.capture.advice import field_of_view_advice
+from aa4d.capture.advice import field_of_view_advice, no_model_advice
 from aa4d.capture.make import Made, make_capture
 from aa4d.capture.orientation import umeyama
 from aa4d.capture.reader import moving_mask, read_capture, read_images
@@ -178,10 +178,14 @@ def test_over_flat_ground_a_found_field_of_view_is_doubted(made: Made) -> None:
     """Its roofs are too small and too low to count: every pair of frames passes for pictures of a plane."""
     (line,) = made.advice
     pairs = json.loads((made.folder / "work/matches/done.json").read_text())["result"]["verified"]
-    assert f"{pairs} of {pairs} pairs look like pictures of one plane" in line
-    assert f"The {made.fov_deg:.0f} degrees that were found here can be far off" in line
-    assert "give --fov" in line
-    assert "give --fov" in made.report.read_text()
+    assert line.what.startswith(f"The field of view, {made.fov_deg:.0f} degrees, is doubtful")
+    assert "give --fov" in line.what
+    assert f"{pairs} of {pairs} pairs look like pictures of one plane" in line.why
+    assert f"The {made.fov_deg:.0f} degrees that were found here can be far off" in line.why
+    html = made.report.read_text()
+    assert "give --fov" in html
+    assert "pairs look like pictures of one plane" in html
+    assert "taken for moving" not in html  # --movers off
 
 
 def test_the_field_of_view_is_doubted_where_the_frames_do_not_tell_it() -> None:
@@ -189,7 +193,12 @@ def test_the_field_of_view_is_doubted_where_the_frames_do_not_tell_it() -> None:
     assert field_of_view_advice({"PLANAR": 50, "PANORAMIC": 45, "UNCALIBRATED": 5}, 60.0, False) != []
     # An impossible one was found, and the guess was taken.
     (line,) = field_of_view_advice({"PLANAR": 60, "CALIBRATED": 40}, 64.0, True)
-    assert "The 64 degrees that are the usual ones, taken because the frames gave impossible ones, can" in line
+    assert "The 64 degrees that are the usual ones, taken because the frames gave impossible ones, can" in line.why
+
+
+def test_a_wrong_field_of_view_is_suspected_where_nothing_comes_out() -> None:
+    assert "--fov" not in no_model_advice({"CALIBRATED": 9}, False)
+    assert no_model_advice({"CALIBRATED": 9}, True).endswith("or --fov is not the camera's: leave it out")
 
 
 def test_the_field_of_view_is_found(made: Made) -> None:
