@@ -214,6 +214,19 @@ def test_the_report_needs_nothing_else(made: Made) -> None:
     assert not re.search(r'(src|href)="(?!data:)', html)
 
 
+def test_what_the_command_tells(made: Made, capsys: pytest.CaptureFixture[str]) -> None:
+    from aa4d.commands.capture import tell
+
+    world = made.world | {"unit": "metres", "scale_from": "satellite positions", "gnss_error_m": 0.344}
+    tell(replace(made, folder=Path("my flight"), world=world, movers="boxes (UAVDT), 2 % of the pixels masked"))
+    said = capsys.readouterr().out
+    assert "scale: metres (satellite positions, the cameras 0.34 m from theirs (median))\n" in said
+    assert "movers: boxes (UAVDT), 2 % of the pixels masked\n" in said
+    assert "next:    aa4d train 'my flight' --out RUN\n" in said
+    assert said.count("give --fov") == 1
+    assert "pictures of one plane" not in said
+
+
 def test_another_input_or_other_things_in_the_folder_are_refused(made: Made, flight: Path, tmp_path: Path) -> None:
     other = aerial.write(tmp_path / "other", aerial.pictures(aerial.arc(4)))
     with pytest.raises(InputError, match=r"holds a capture of .*frames; choose a new folder"):
