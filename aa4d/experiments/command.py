@@ -54,4 +54,5 @@ def run(
         f"{config.coarse_iterations} + {config.fine_iterations} iterations; ± is the standard deviation over seeds\n"
         f"tables: {out / 'table.md'}, {out / 'table.csv'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
         highlight=False,
+        soft_wrap=True,
     )

@@ -14,8 +14,10 @@ from aa4d.errors import InputError, Interrupted
 from aa4d.experiments.tables import write_tables
 from aa4d.experiments.trial import Row, Trial, finished_row, stop, trial_process
 from aa4d.experiments.variants import Experiment
-from aa4d.files import make_folder
+from aa4d.output_folder import claim_folder
 from aa4d.training.config import TrainingConfig
+
+INDEX = "experiment.json"
 
 
 class Watcher(Protocol):
@@ -70,7 +72,7 @@ def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs:
             waiting.append(trial)
         else:
             rows[trial.name] = row
-    make_folder(out)
+    claim_folder(out, INDEX, {"experiment": experiment.name}, "the runs of an experiment")
     watcher.start(len(trials), len(rows), sum(trial.iterations for trial in waiting))
     # With one job torch chooses its threads; several jobs of one thread each get more done than one with several.
     running = Processes(threads=1 if jobs > 1 else None)

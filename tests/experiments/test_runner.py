@@ -74,6 +74,20 @@ def test_captures_of_one_name_are_refused(tmp_path: Path) -> None:
         trials_of(TWO, [tmp_path / "a/c", tmp_path / "b/c"], tmp_path, TINY, 1)
 
 
+def test_a_folder_of_something_else_is_left_alone(toy_capture: Path, tmp_path: Path) -> None:
+    desk = tmp_path / "desk"
+    desk.mkdir()
+    (desk / "letter.txt").touch()
+    with pytest.raises(InputError, match="not empty and not the runs of an experiment"):
+        run_experiment(TWO, trials_of(TWO, [toy_capture], desk, TINY, 1), desk, 1, Quiet())
+    assert [path.name for path in desk.iterdir()] == ["letter.txt"]
+    out = tmp_path / "sweep"
+    out.mkdir()
+    (out / "experiment.json").write_text('{"experiment": "another"}')
+    with pytest.raises(InputError, match="holds the runs of an experiment with other settings"):
+        run_experiment(TWO, trials_of(TWO, [toy_capture], out, TINY, 1), out, 1, Quiet())
+
+
 def test_every_variant_is_one_that_training_knows() -> None:
     for experiment in (*ABLATIONS.values(), *SWEEPS.values()):
         labels = [variant.label for variant in experiment.variants]
