@@ -26,6 +26,7 @@ class Annotations:
     file: Path
     layout: str
     boxes: dict[int, NDArray[np.float64]]  # frame number -> [M, 4]
+    empty: int = 0  # rows left out: boxes without width or height, as some data sets mark an absent target
 
     def check_size(self, width: int, height: int) -> None:
         """Raises InputError where the boxes are of larger pictures than the sequence has."""
@@ -76,29 +77,32 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
             )
         if not (np.abs(rows[-1]) < MOST).all():
             raise InputError(f"{path}: line {line_number} holds what is no frame and no pixel: {line[:60]!r}")
-        if not all(side > 0 for side in _box(rows[-1])[2:]):
-            raise InputError(f"{path}: line {line_number} is a box without width or height: {line[:60]!r}; restore it")
+        if any(side < 0 for side in _box(rows[-1])[2:]):
+            raise InputError(f"{path}: line {line_number} is a box of negative size: {line[:60]!r}; restore the file")
     if not rows:
         return Annotations(path, "empty", {})
     table = np.array(rows)
+    frame = table[:, 0]
     if table.shape[1] == 10:
-        table = table[table[:, 7] != VISDRONE_IGNORED]
-        layout, boxes = "VisDrone", _by_frame(table[:, 0], table[:, 2:6])
+        layout, wanted = "VisDrone", table[:, 7] != VISDRONE_IGNORED
     elif table.shape[1] == 9:
-        layout, boxes = "UAVDT", _by_frame(table[:, 0], table[:, 2:6])
+        layout, wanted = "UAVDT", np.ones(len(table), bool)
     elif table.shape[1] == 4:
-        layout, boxes = "one box a frame", _by_frame(np.arange(1.0, len(table) + 1), table)
+        layout, wanted, frame = "one box a frame", np.ones(len(table), bool), np.arange(1.0, len(table) + 1)
     else:
         raise InputError(
             f"{path}: rows have {table.shape[1]} columns; known are 10 (VisDrone), 9 (UAVDT) and 4 (one box a frame): "
             "give a file of one of these kinds, or no --annotations"
         )
+    every = table[:, 2:6] if table.shape[1] > 4 else table
+    sized = (every[:, 2:] > 0).all(axis=1)
+    boxes = _by_frame(frame[wanted & sized], every[wanted & sized])
     if boxes and not boxes.keys() & set(numbers):
         raise InputError(
             f"{path}: its boxes are of frames {min(boxes)} to {max(boxes)}, and the input's frames are numbered "
             f"{min(numbers)} to {max(numbers)}: give this sequence's own with --annotations"
         )
-    return Annotations(path, layout, boxes)
+    return Annotations(path, layout, boxes, int((wanted & ~sized).sum()))
 
 
 def _box(row: list[float]) -> list[float]:
@@ -108,7 +112,4 @@ def _box(row: list[float]) -> list[float]:
 
 def _by_frame(frame: NDArray[np.float64], boxes: NDArray[np.float64]) -> dict[int, NDArray[np.float64]]:
     frame = frame.astype(int)
-    order = np.argsort(frame, kind="stable")
-    numbers, starts = np.unique(frame[order], return_index=True)
-    parts = np.split(boxes[order], starts[1:])
-    return {int(number): part for number, part in zip(numbers, parts, strict=True)}
+    return {int(number): boxes[frame == number] for number in np.unique(frame)}

@@ -54,6 +54,8 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
     notes: list[str] = []
     if annotations is not None:
         annotations.check_size(*clip.source_size)
+        if annotations.empty:
+            notes.append(f"{annotations.file}: {annotations.empty} boxes without width or height are left out")
         masks: Callable[[int], Mask] = lambda i: box_mask(clip, annotations.of(clip.frames[i].number))  # noqa: E731
     else:
         masks = EpipolarMotion(clip).mask

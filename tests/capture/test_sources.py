@@ -68,6 +68,15 @@ def test_visdrone_rows_in_its_published_format(tmp_path: Path) -> None:
     assert np.array_equal(read.of(2), [[11, 21, 30, 40], [5, 6, 7, 8]])
 
 
+def test_boxes_without_size_are_left_out_and_counted(tmp_path: Path) -> None:
+    (tmp_path / "one.txt").write_text("1,2,3,4\n0,0,0,0\n5,6,7,8\n")
+    read = read_annotations(tmp_path / "one.txt", [1, 2, 3])
+    assert (sorted(read.boxes), read.empty) == ([1, 3], 1)
+    (tmp_path / "none.txt").write_text("1,7,10,20,0,0,1,1,1\n")
+    read = read_annotations(tmp_path / "none.txt", [1])
+    assert (read.boxes, read.empty) == ({}, 1)
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -78,8 +87,8 @@ def test_visdrone_rows_in_its_published_format(tmp_path: Path) -> None:
         ("1,2,3,4\n1,2,3,1e300\n", "line 2 holds what is no frame and no pixel"),
         ("1e19,1,2,3,4,5,1,1,1\n", "line 1 holds what is no frame and no pixel"),
         ("1,2,3,4\n1,2,3\n", "line 2 has another number of columns than the first"),
-        ("1,2,3,4\n1,2,3,0\n", "line 2 is a box without width or height"),
-        ("1,1,2,3,-4,5,1,1,1\n", "line 1 is a box without width or height"),
+        ("1,2,3,4\n1,2,3,-1\n", "line 2 is a box of negative size"),
+        ("1,1,2,3,-4,5,1,1,1\n", "line 1 is a box of negative size"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, text: str, says: str) -> None:
