@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Table
 
 from aa4d.console import console, experiment_progress
@@ -41,6 +42,8 @@ def run(
         rows = run_experiment(experiment, trials, out, jobs, bar)
     columns = columns_of(rows)
     lines = lines_of(experiment, rows)
+    # In a narrow terminal or a log, lines that wrap are better than numbers cut short.
+    wide = Console(width=max(console.width, WIDTH), markup=False)
     for capture in dict.fromkeys(line.capture for line in lines):
         table = Table(title=f"{experiment.title}: {capture}", box=SIMPLE, title_justify="left", padding=(0, 1, 0, 0))
         for number, heading in enumerate(headings(columns)):
@@ -48,8 +51,7 @@ def run(
         for line in lines:
             if line.capture == capture:
                 table.add_row(*cells(line, columns))
-        # In a narrow terminal or a log, lines that wrap are better than numbers cut short.
-        console.print(table, width=max(console.width, WIDTH), crop=False)
+        wide.print(table, crop=False)
     console.print(
         f"{config.coarse_iterations} + {config.fine_iterations} iterations; ± is the standard deviation over seeds\n"
         f"tables: {out / 'table.md'}, {out / 'table.csv'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
