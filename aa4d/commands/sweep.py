@@ -12,8 +12,11 @@ from aa4d.commands.experiment_options import Options
 
 def sweep(
     what: Annotated[
-        Positional[Literal["gamma", "lambda", "smoothing", "time", "embedding"]],
-        arg(help="gamma, lambda, smoothing: DACW's. time: rows of the time planes. embedding: how embeddings start."),
+        Positional[Literal["gamma", "lambda", "smoothing", "planes", "time", "embedding"]],
+        arg(
+            help="gamma, lambda, smoothing: DACW's. planes: cells a side, with and without DACW. time: rows of the "
+            "time planes. embedding: how embeddings start."
+        ),
     ],
     captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
     experiment: Options,

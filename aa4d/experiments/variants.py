@@ -81,6 +81,18 @@ SWEEPS = {
         "Rows of the time planes",
         (Variant("by frames"), *(Variant(f"{rows} rows", {"temporal_resolution": rows}) for rows in (25, 50, 100))),
     ),
+    "planes": Experiment(
+        "planes",
+        "Cells of the planes a side, with and without DACW (no DLGD)",
+        tuple(
+            Variant(
+                f"{coarse} and {fine}{'' if dacw else ', linear'}",
+                {"spatial_resolutions": (coarse, fine), "dacw": dacw, "dlgd": False},
+            )
+            for coarse, fine in ((64, 128), (16, 32))
+            for dacw in (True, False)
+        ),
+    ),
     "embedding": Experiment(
         "embedding",
         "Standard deviation of the embeddings at the start",

@@ -102,7 +102,7 @@ PRESETS = {
         coarse_iterations=800,
         fine_iterations=3000,
         # A tenth of the paper's iterations: planes learn at 6 times the rate, networks at 3 times, and anchors settle
-        # early. At 6 times Phi_w saturated in one of 13 short runs: its softmax put all on one plane, mostly a spatial
+        # early. At 6 times Phi_w saturated in one of 16 short runs: its softmax put all on one plane, mostly a spatial
         # one, and the scene stayed static.
         rates=LearningRates(
             planes=Decay(0.1, 0.01),
