@@ -16,6 +16,7 @@ import pytest
 from PIL import Image
 
 from synth.develop import png, read_png, srgb_from_linear
+from synth.files import write_bytes
 from synth.workers import shards
 
 SCRIPT = Path(__file__).resolve().parents[2] / "synth" / "render_flyover.py"
@@ -141,6 +142,18 @@ def test_interrupted_workers_finish_their_frame_and_go_on(
     result = flyover([tiny_scene, "--out", out, "--workers", "2"])
     assert result.returncode == 0, result.stderr
     assert digests(out) == digests(capture)
+
+
+def test_a_write_that_is_interrupted_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_bytes(tmp_path / "frame.png", b"whole")
+
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("os.fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_bytes(tmp_path / "frame.png", b"half")
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("frame.png", b"whole")]
 
 
 def test_shards_keep_neighbours_together() -> None:
