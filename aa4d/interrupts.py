@@ -39,8 +39,9 @@ def stop_requests() -> Iterator[StopRequest]:
 def end_quietly_while_importing() -> None:
     """From here on, Ctrl-C while a module is imported ends the process at once, with exit code 130.
 
-    An exception there is no use: nothing has begun that could be saved, and libraries take it for a fault of theirs
-    ("cannot import the C++ backend") or leave half a module behind. At any other moment it is KeyboardInterrupt.
+    An exception there is no use: libraries take it for a fault of theirs ("cannot import the C++ backend") or leave
+    half a module behind. Files that were begun are as after `kill -9`, which every command survives. At any other
+    moment it is KeyboardInterrupt.
     """
     if threading.current_thread() is threading.main_thread():  # elsewhere signals belong to somebody else
         signal.signal(signal.SIGINT, _interrupt)

@@ -70,13 +70,13 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
         try:
             rows.append([float(value) for value in line.strip().rstrip(",").split(",")])
         except ValueError:
-            raise InputError(f"{path}: line {line_number} is not a row of numbers: {line[:60]!r}") from None
+            raise InputError(f"{path}: line {line_number} is not a row of numbers: {line[:60]!r}; restore it") from None
         if len(rows[-1]) != len(rows[0]):
             raise InputError(
                 f"{path}: line {line_number} has another number of columns than the first; restore the file"
             )
         if not (np.abs(rows[-1]) < MOST).all():
-            raise InputError(f"{path}: line {line_number} holds what is no frame and no pixel: {line[:60]!r}")
+            raise InputError(f"{path}: line {line_number} holds no frame or pixel: {line[:60]!r}; restore the file")
         if any(side < 0 for side in _box(rows[-1])[2:]):
             raise InputError(f"{path}: line {line_number} is a box of negative size: {line[:60]!r}; restore the file")
     if not rows:

@@ -2,8 +2,8 @@
 
 A step's digest covers its settings and the digest of the step before, so that a changed setting repeats that step and
 those after it, and nothing else. So does a step of which a file is missing or has another size than it was given. A
-step works in `NAME.part` and is renamed when it is done; one that was stopped
-finds there what it has made, if it was stopped under the same digest.
+step works in `NAME.part` and is renamed when it is done; one that was stopped finds there what it has made, if it was
+stopped under the same digest.
 """
 
 from __future__ import annotations
