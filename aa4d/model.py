@@ -14,6 +14,7 @@ from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
 from aa4d.field.mlp import TwoLayer, evaluate_together
 from aa4d.field.planes import FeaturePlanes
 from aa4d.field.warping import CoordinateWarp
+from aa4d.motion.groups import Groups, carry
 from aa4d.raster.types import Camera, Gaussians
 
 
@@ -64,14 +65,20 @@ class AdaAnchor4D(nn.Module):
         if c.dlgd:
             self.dlgd_offset = OffsetDeformation(c.embedding_dim, c.geometry_hidden, c.offsets)  # Phi_o
             self.dlgd_scale = ScaleDeformation(c.embedding_dim, c.geometry_hidden)  # Phi_s
+        self.groups: Groups | None = None  # what anchors ride on; beyond the paper
+
+    def ride(self, groups: Groups, group: Tensor) -> None:
+        """Let anchors ride on rigid groups from now on: group [N], -1 for those that belong to the world."""
+        self.groups = groups
+        self.anchors.group = group
 
     def canonical(self, a: AnchorRows) -> AnchorState:
         """A_i as the coarse stage has it."""
         return AnchorState(a.position, a.feature, a.offset, a.log_scale.exp())
 
     def deformed(self, a: AnchorRows, t: float) -> AnchorState:
-        """A_i(t) for one t in [0, 1] (paper, sections 4.2 to 4.4)."""
-        u = self.warp(self.field.normalise(a.position))
+        """A_i(t) for one t in [0, 1] (paper, sections 4.2 to 4.4); of an anchor that rides, in its group's frame."""
+        u = self.warp(self.field.normalise(self._in_world(a.position, a.group, None)))
         h = self.aggregation(self.field, u, a.embedding_acfa, t)
         z = torch.relu(self.encoder(h))
         shift, feature_change = evaluate_together((self.head_position, self.head_feature), z)
@@ -91,20 +98,56 @@ class AdaAnchor4D(nn.Module):
 
         At t = None the canonical scene: the coarse stage.
         """
-        rows = self.anchors.rows(visible)
-        state = self.canonical(rows) if t is None else self.deformed(rows, t)
-        return self.decoder(state, camera_centre(camera))
+        a = self.anchors.rows(visible)
+        state = self.canonical(a) if t is None else self.deformed(a, t)
+        eye = camera_centre(camera)
+        if self.groups is None or a.group is None:
+            return self.decoder(state, eye)
+        rows = (a.group >= 0).nonzero()[:, 0]
+        group = a.group[rows]
+        pose = self.groups.pose(t).at(group)
+        eyes = eye.expand_as(a.position).index_copy(0, rows, pose.to_group(eye.expand(len(rows), 3)))
+        gaussians = self.decoder(state, eyes)
+        return carry(gaussians, len(a.position), rows, pose, self.groups.presence(t)[group])
+
+    def resting(self, t: float | None) -> Tensor:
+        """[N, 3] where the anchors are at t but for the field's deformation, model frame."""
+        return self._in_world(self.anchors.position, self.anchors.group, t)
+
+    def centres(self, t: float | None) -> Tensor:
+        """[N, 3] x_i(t): where the anchors are at t, model frame."""
+        if t is None:
+            return self.resting(None)
+        return self._in_world(self.deformed(self.anchors.rows(), t).position, self.anchors.group, t)
+
+    def present(self, t: float | None) -> Tensor | None:
+        """[N] bool: the anchors that are there at t; None for all."""
+        if self.groups is None or self.anchors.group is None:
+            return None
+        return (self.anchors.group < 0) | (self.groups.presence(t) > 0)[self.anchors.group.clamp_min(0)]
+
+    def _in_world(self, position: Tensor, group: Tensor | None, t: float | None) -> Tensor:
+        """Positions [N, 3] of anchors, in the frame of the groups [N] that they belong to, in the model's frame."""
+        if self.groups is None or group is None:
+            return position
+        rows = (group >= 0).nonzero()[:, 0]
+        pose = self.groups.pose(t).at(group[rows])
+        return position.index_copy(0, rows, pose.to_world(position.index_select(0, rows)))
 
     def networks_and_planes(self) -> list[Tensor]:
         """What "neural size" counts in the field's tables: everything but the anchors' own attributes."""
-        return [p for name, p in self.state_dict().items() if not name.startswith("anchors.")]
+        attributes = ("anchors.", "groups.")
+        return [p for name, p in self.state_dict().items() if not name.startswith(attributes)]
 
 
-def blank_model(config: ModelConfig, anchors: int) -> AdaAnchor4D:
-    """A model of the right shapes, to load a state into."""
+def blank_model(config: ModelConfig, anchors: int, groups: Groups | None = None) -> AdaAnchor4D:
+    """A model of the right shapes, to load a state into; anchors ride on `groups`, if given."""
     c = config
     zeros = torch.zeros(anchors, 3), torch.zeros(anchors, 6)
-    return AdaAnchor4D(c, Anchors(*zeros, c.offsets, c.feature_dim, c.embedding_dim, embeddings=c.embeddings()))
+    model = AdaAnchor4D(c, Anchors(*zeros, c.offsets, c.feature_dim, c.embedding_dim, embeddings=c.embeddings()))
+    if groups is not None:
+        model.ride(groups, torch.zeros(anchors, dtype=torch.long))
+    return model
 
 
 def camera_centre(camera: Camera) -> Tensor:

@@ -23,8 +23,10 @@ from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.field.warping import CoordinateWarp
 from aa4d.files import whole_file
 from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
+from aa4d.motion.groups import Groups, blank_groups
+from aa4d.motion.spline import FEWEST_CONTROLS
 
-MODEL_VERSION = 1
+MODEL_VERSION = 2  # the newest that is read; what no reader of version 1 would miss is still written as 1
 LARGEST_SIZE = 4096  # of what the header's config counts
 
 
@@ -55,8 +57,8 @@ def _is_plane(parameter: str) -> bool:
 
 
 def as_in_file(parameter: str, value: Tensor) -> Tensor:
-    """A plane is [C, R2, R1] in the file."""
-    return value.permute(2, 0, 1) if _is_plane(parameter) else value
+    """A plane is [C, R2, R1] in the file, and every tensor is float32."""
+    return (value.permute(2, 0, 1) if _is_plane(parameter) else value).float()
 
 
 def _as_in_model(parameter: str, value: Tensor) -> Tensor:
@@ -74,9 +76,10 @@ def save_model(
     training: dict[str, Any],
 ) -> None:
     c = model.config
+    groups = model.groups
     header = {
         "format": "aa4d-model",
-        "version": MODEL_VERSION,
+        "version": 1 if groups is None else 2,
         "generator": f"aa4d {__version__}",
         "stage": stage,
         "config": {
@@ -98,6 +101,8 @@ def save_model(
         "background": list(background),
         "training": training,
     }
+    if groups is not None:
+        header["groups"] = [{"name": name} for name in groups.names]
     tensors = {file_name_of(name): as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
     _write(path, tensors, header)
 
@@ -116,11 +121,13 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     header, tensors = read_tensors(path)
     config = _config(header, tensors, path)
     n = len(_tensor(tensors, "anchors.position", path))
-    model = blank_model(config, n)
+    model = blank_model(config, n, _groups(header, tensors, path))
     state = {name: _as_in_model(name, _tensor(tensors, file_name_of(name), path)) for name in model.state_dict()}
     for name, value in state.items():
         if not torch.isfinite(value).all():
             raise InputError(f"{path}: tensor {file_name_of(name)!r} holds NaN or infinity; train the model again")
+    if model.groups is not None:
+        state["anchors.group"] = _membership(state["anchors.group"], len(model.groups), path)
     try:
         model.load_state_dict(state)
     except RuntimeError as error:
@@ -210,6 +217,30 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: the header's config is wrong ({error!r}); train the model again") from None
+
+
+def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Groups | None:
+    """Blank ones of the file's shapes; None for a file without."""
+    if "anchors.group" not in tensors:
+        return None
+    try:
+        names = tuple(str(group["name"]) for group in header["groups"])
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path}: the header's groups are damaged ({error!r}); train the model again") from None
+    position = _tensor(tensors, "groups.position", path)
+    if position.dim() != 3 or position.shape[0] != len(names) or position.shape[1] < FEWEST_CONTROLS:
+        raise InputError(
+            f"{path}: groups.position has shape {tuple(position.shape)}, expected [{len(names)}, C, 3] with C of at "
+            f"least {FEWEST_CONTROLS}; train the model again"
+        )
+    return blank_groups(names, position.shape[1])
+
+
+def _membership(value: Tensor, groups: int, path: Path) -> Tensor:
+    """anchors.group as whole numbers."""
+    if not ((value == value.round()) & (value >= -1) & (value < groups)).all():
+        raise InputError(f"{path}: anchors.group names a group that is not there (has {groups}); train the model again")
+    return value.long()
 
 
 def _switch(config: dict[str, Any], name: str, path: Path) -> bool:

@@ -35,7 +35,7 @@ def render(
         outputs: what the rasteriser is asked for besides.
         anchor_features: [N, F] anything to draw with the anchors, F at most 32: it becomes `Rendering.features`.
     """
-    visible = in_view(model.anchors.position, camera)
+    visible = in_view(model.resting(t), camera, model.present(t))
     gaussians = model.gaussians(t, camera, visible)
     if anchor_features is not None:
         offsets = model.anchors.offset.shape[1]

@@ -19,7 +19,8 @@ class Anchors(nn.Module):
     Centres are fixed, as in Scaffold-GS: offsets carry the geometry, and the field's query coordinates stay put.
     """
 
-    position: Tensor  # [N, 3] model frame
+    position: Tensor  # [N, 3] model frame, or the frame of the anchor's group (aa4d/motion/groups.py)
+    group: Tensor | None  # [N] int64, -1 for the world; None where nothing rides
 
     def __init__(
         self,
@@ -36,6 +37,7 @@ class Anchors(nn.Module):
         super().__init__()
         n = len(position)
         self.register_buffer("position", position)
+        self.register_buffer("group", None)
         self.feature = nn.Parameter(torch.zeros(n, feature_dim))
         self.offset = nn.Parameter(torch.zeros(n, offsets, 3))
         self.log_scale = nn.Parameter(log_scale)
@@ -59,6 +61,7 @@ class AnchorRows:
     """What some of the anchors own, as in `Anchors`."""
 
     position: Tensor
+    group: Tensor | None
     feature: Tensor
     offset: Tensor
     log_scale: Tensor

@@ -75,6 +75,8 @@ def grow(
     min_drawn: float,
     limit: int,
     generator: torch.Generator,
+    group: Tensor | None = None,
+    group_voxel: float = 0.0,
 ) -> Growth:
     """Anchors in empty voxels where local Gaussians have large screen-space gradients, coarse voxels first.
 
@@ -88,38 +90,62 @@ def grow(
         min_drawn: iterations that a Gaussian must have been drawn in for its statistic to count.
         limit: at most so many new anchors.
         generator: on the CPU, so that every device draws alike.
+        group: [N] of each anchor, -1 for the world; None where there is none. Voxels of a group hold its own anchors
+            alone, and the finest of them has the edge `group_voxel`.
     """
     gradient = statistics.gradient / statistics.drawn.clamp_min(1)
     counted = statistics.drawn > min_drawn
-    occupied = position
+    if group is not None:
+        # In units in which every finest voxel has the same edge.
+        unit = torch.where(group >= 0, group_voxel / voxel, 1.0).to(position.dtype)
+        position, centres = position / unit[:, None], centres / unit[:, None, None]
+    occupied, groups_of_occupied = position, group
     grown: list[Growth] = []
     room = limit
     for level in range(levels):
         edge = voxel * max(voxel_factor / 4**level, 1)
         keep = (torch.rand(gradient.shape, generator=generator) < 1 - 0.5 ** (level + 1)).to(position.device)
         candidates = (gradient >= gradient_threshold * 2**level) & counted & keep
-        found = _empty_voxels(centres, gradient, candidates, occupied, edge)
+        found = _empty_voxels(centres, gradient, candidates, occupied, edge, group, groups_of_occupied)
         found = Growth(found.position[:room], found.voxel[:room], found.parent[:room])
         if len(found.parent):
             grown.append(found)
             occupied = torch.cat([occupied, found.position])
+            if group is not None and groups_of_occupied is not None:
+                groups_of_occupied = torch.cat([groups_of_occupied, group[found.parent]])
             room -= len(found.parent)
     if not grown:
         nobody = torch.zeros(0, dtype=torch.long, device=position.device)
         return Growth(position.new_zeros(0, 3), position.new_zeros(0), nobody)
-    return Growth(
+    growth = Growth(
         torch.cat([g.position for g in grown]),
         torch.cat([g.voxel for g in grown]),
         torch.cat([g.parent for g in grown]),
     )
+    if group is None:
+        return growth
+    unit = unit[growth.parent]
+    return Growth(growth.position * unit[:, None], growth.voxel * unit, growth.parent)
 
 
-def _empty_voxels(centres: Tensor, gradient: Tensor, candidates: Tensor, occupied: Tensor, edge: float) -> Growth:
+def _empty_voxels(
+    centres: Tensor,
+    gradient: Tensor,
+    candidates: Tensor,
+    occupied: Tensor,
+    edge: float,
+    group: Tensor | None,
+    groups_of_occupied: Tensor | None,
+) -> Growth:
     """Voxels that hold candidates and no anchor, strongest candidate first."""
     anchor, offset = candidates.nonzero(as_tuple=True)
     strength, order = gradient[anchor, offset].sort(descending=True, stable=True)
     anchor, cells = anchor[order], torch.round(centres[anchor, offset][order] / edge)
-    unique, inverse = torch.unique(torch.cat([torch.round(occupied / edge), cells]), dim=0, return_inverse=True)
+    taken_cells, wanted = torch.round(occupied / edge), cells
+    if group is not None and groups_of_occupied is not None:
+        taken_cells = torch.cat([taken_cells, groups_of_occupied[:, None].to(cells.dtype)], 1)
+        wanted = torch.cat([wanted, group[anchor][:, None].to(cells.dtype)], 1)
+    unique, inverse = torch.unique(torch.cat([taken_cells, wanted]), dim=0, return_inverse=True)
     taken = torch.zeros(len(unique), dtype=torch.bool, device=cells.device)
     taken[inverse[: len(occupied)]] = True
     cell_of = inverse[len(occupied) :]

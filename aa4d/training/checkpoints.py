@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -16,6 +17,7 @@ from aa4d.anchors.densification import Statistics
 from aa4d.errors import InputError
 from aa4d.files import whole_file
 from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
+from aa4d.motion.groups import blank_groups
 from aa4d.training.config import LearningRates
 from aa4d.training.optimiser import make_optimiser
 from aa4d.training.poses import PoseRefinement
@@ -42,7 +44,9 @@ def save_checkpoint(path: Path, state: TrainingState) -> None:
             tensors[f"adam.{key}.{name}"] = value
     if state.poses is not None:
         tensors |= {f"poses.{name}": value for name, value in state.poses.tensors().items()}
-    position = {"stage": state.stage, "iteration": state.iteration, "seconds": state.seconds}
+    position: dict[str, Any] = {"stage": state.stage, "iteration": state.iteration, "seconds": state.seconds}
+    if state.model.groups is not None:
+        position["groups"] = state.model.groups.names
     with whole_file(path) as temporary:
         contiguous = {name: value.detach().contiguous() for name, value in tensors.items()}
         save_file(contiguous, str(temporary), metadata={"state": json.dumps(position)})
@@ -57,7 +61,10 @@ def load_checkpoint(
             position = json.loads(file.metadata()["state"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
         anchors = len(tensors["model.anchors.position"])
-        model = blank_model(config, anchors).to(device)
+        groups = None
+        if "groups" in position:
+            groups = blank_groups(tuple(position["groups"]), tensors["model.groups.position"].shape[1])
+        model = blank_model(config, anchors, groups).to(device)
         model.load_state_dict(_part(tensors, "model."))
         statistics = Statistics(**_part(tensors, "statistics."))
         optimiser = make_optimiser(model, rates, position["stage"])

@@ -18,12 +18,17 @@ LARGEST_LOG_SCALE = 0.05
 
 
 def densify(
-    state: TrainingState, settings: Densification, rendered: Rendered, voxel: float, seed: tuple[int, ...]
+    state: TrainingState,
+    settings: Densification,
+    rendered: Rendered,
+    voxel: float,
+    seed: tuple[int, ...],
+    group_voxel: float = 0.0,
 ) -> None:
     """After the backward pass of the iteration that makes `state.iteration` + 1.
 
     Args:
-        voxel: edge of the finest voxel, model frame.
+        voxel: edge of the finest voxel, model frame; `group_voxel`: likewise, of anchors that belong to a group.
         seed: of the stage; with the iteration it makes the choices at random, so that a checkpoint keeps none.
     """
     d, done = settings, state.iteration + 1
@@ -48,6 +53,8 @@ def densify(
         min_drawn=0.5 * seen,
         limit=max(d.max_anchors - len(anchors), 0),
         generator=generator,
+        group=anchors.group,
+        group_voxel=group_voxel,
     )
     state.statistics.forget_judged(min_seen=seen, min_drawn=0.5 * seen)
     change_anchors(state, keep, growth)
@@ -74,4 +81,6 @@ def change_anchors(state: TrainingState, keep: Tensor, growth: Growth) -> None:
         replace_rows(state.optimiser, getattr(anchors, name), parameter, rows)
         setattr(anchors, name, parameter)
     anchors.position = torch.cat([anchors.position[kept], growth.position])
+    if anchors.group is not None:
+        anchors.group = anchors.group[inherited]
     state.statistics = state.statistics.rows(rows)

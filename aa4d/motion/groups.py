@@ -1,0 +1,138 @@
+"""Rigid groups: anchors that belong to a mover live in its frame and ride on its trajectory.
+
+The pose of group g at time t is a turn by psi_g(t) about `up` and a shift to p_g(t), both a uniform cubic B-spline of
+learned control points (aa4d/motion/spline.py). This goes beyond the paper, whose field keeps what is left: an anchor's
+own deformation happens in its group's frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor, nn
+
+from aa4d.motion.spline import weights_at
+from aa4d.raster.types import Gaussians
+
+SHORTEST_RAMP = 1e-9  # of t
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where groups are: x_world = R(up, heading) x_group + position, all in the model's frame."""
+
+    position: Tensor  # [G, 3]
+    heading: Tensor  # [G] radians
+    up: Tensor  # [3] unit
+
+    def at(self, group: Tensor) -> Pose:
+        """Of the groups at `group` [M]."""
+        return Pose(self.position.index_select(0, group), self.heading.index_select(0, group), self.up)
+
+    def to_world(self, x: Tensor) -> Tensor:
+        """[G, 3] or [G, K, 3], one row of points a group."""
+        return self._turned(x, self.heading) + self._beside(self.position, x)
+
+    def to_group(self, x: Tensor) -> Tensor:
+        """The inverse of `to_world`."""
+        return self._turned(x - self._beside(self.position, x), -self.heading)
+
+    def turn(self, quaternions: Tensor) -> Tensor:
+        """Rotations w x y z of any length, [G, K, 4] in the group's axes, in the world's."""
+        half = 0.5 * self.heading[:, None]
+        a, b = half.cos(), half.sin()[..., None] * self.up  # [G, 1], [G, 1, 3]
+        w, v = quaternions[..., 0], quaternions[..., 1:]
+        real = a * w - (b * v).sum(-1)
+        imaginary = a[..., None] * v + w[..., None] * b + torch.linalg.cross(b.expand_as(v), v)
+        return torch.cat([real[..., None], imaginary], -1)
+
+    def _turned(self, x: Tensor, angle: Tensor) -> Tensor:
+        """Rodrigues' formula."""
+        angle = self._beside(angle[:, None], x)
+        c, s = angle.cos(), angle.sin()
+        up = self.up.expand_as(x)
+        return c * x + s * torch.linalg.cross(up, x) + (1 - c) * (x * up).sum(-1, keepdim=True) * up
+
+    @staticmethod
+    def _beside(value: Tensor, x: Tensor) -> Tensor:
+        return value[:, None] if x.dim() == 3 else value
+
+
+class Groups(nn.Module):
+    """Trajectories of G rigid groups."""
+
+    start: Tensor  # [G, C, 4] the control points that learning began with
+    reference: Tensor  # [G, 4] the pose at which a group's anchors are looked up in the field; fixed
+    shown: Tensor  # [G, 4] as in aa4d/motion/tracks.py
+    up: Tensor  # [3]
+
+    def __init__(self, names: tuple[str, ...], control: Tensor, reference: Tensor, shown: Tensor, up: Tensor) -> None:
+        """control: [G, C, 4] position in model units, heading in radians; `names` [G] for people."""
+        super().__init__()
+        self.names = names
+        self.position = nn.Parameter(control[..., :3].clone())  # [G, C, 3]
+        self.heading = nn.Parameter(control[..., 3].clone())  # [G, C]
+        self.register_buffer("start", control.clone())
+        self.register_buffer("reference", reference)
+        self.register_buffer("shown", shown)
+        self.register_buffer("up", up)
+
+    def __len__(self) -> int:
+        return len(self.reference)
+
+    def pose(self, t: float | None) -> Pose:
+        """Of every group at t in [0, 1], or at its reference where t is None."""
+        if t is None:
+            return Pose(self.reference[:, :3], self.reference[:, 3], self.up)
+        first, weights = weights_at(t, self.position.shape[1])
+        w = torch.tensor(weights, dtype=self.position.dtype, device=self.position.device)
+        position = (w[:, None] * self.position[:, first : first + 4]).sum(1)
+        return Pose(position, (w * self.heading[:, first : first + 4]).sum(1), self.up)
+
+    def presence(self, t: float | None) -> Tensor:
+        """[G] in [0, 1]: the share of its opacity that each group has at t; one where t is None."""
+        if t is None:
+            return torch.ones_like(self.shown[:, 0])
+        appear, there, until, vanish = self.shown.unbind(1)
+        rising = (t - appear) / (there - appear).clamp_min(SHORTEST_RAMP)
+        falling = (vanish - t) / (vanish - until).clamp_min(SHORTEST_RAMP)
+        return torch.minimum(rising, falling).clamp(0, 1)
+
+    @torch.no_grad()
+    def bound(self, distance: float, angle: float) -> None:
+        """Take back what learning moved control points by more than `distance` (model units) or `angle` (radians)."""
+        shift = self.position - self.start[..., :3]
+        length = shift.norm(dim=-1, keepdim=True)
+        self.position.sub_(shift * (1 - distance / length.clamp_min(distance)))
+        turn = self.heading - self.start[..., 3]
+        self.heading.copy_(self.start[..., 3] + turn.clamp(-angle, angle))
+
+
+def blank_groups(names: tuple[str, ...], controls: int) -> Groups:
+    """Of the right shapes, to load a state into."""
+    zeros = torch.zeros(len(names), 4)
+    return Groups(names, torch.zeros(len(names), controls, 4), zeros, zeros.clone(), torch.zeros(3))
+
+
+def carry(gaussians: Gaussians, anchors: int, rows: Tensor, pose: Pose, presence: Tensor) -> Gaussians:
+    """Take the Gaussians of grouped anchors from their group's frame to the world.
+
+    Args:
+        gaussians: K for each of `anchors` anchors, those of an anchor together.
+        rows: [M] the anchors that belong to a group.
+        pose, presence: M rows, of the group of each of those.
+    """
+
+    def part(value: Tensor) -> Tensor:
+        return value.view(anchors, -1, *value.shape[1:]).index_select(0, rows)
+
+    def replaced(value: Tensor, new: Tensor) -> Tensor:
+        return value.view(anchors, -1, *value.shape[1:]).index_copy(0, rows, new).view(value.shape)
+
+    return replace(
+        gaussians,
+        means=replaced(gaussians.means, pose.to_world(part(gaussians.means))),
+        quaternions=replaced(gaussians.quaternions, pose.turn(part(gaussians.quaternions))),
+        opacities=replaced(gaussians.opacities, part(gaussians.opacities) * presence[:, None]),
+    )
