@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -71,6 +71,7 @@ class Capture:
     points: NDArray[np.float64]  # [P, 3] world metres
     point_colors: NDArray[np.uint8]  # [P, 3] sRGB
     tracks: str | None
+    instance_names: dict[int, str] = field(default_factory=dict)  # by id; empty where the capture names none
 
     def of_split(self, split: str) -> list[int]:
         return [i for i, frame in enumerate(self.frames) if frame.split == split]
@@ -113,7 +114,16 @@ def read_capture(folder: Path) -> Capture:
         points=points,
         point_colors=colors,
         tracks=None if tracks is None else _inside(tracks, "tracks", index),
+        instance_names=_instance_names(document.get("instances")),
     )
+
+
+def _instance_names(value: Any) -> dict[int, str]:
+    """Names are for people: what is malformed is left out."""
+    named = value if isinstance(value, list) else []
+    return {
+        i["id"]: str(i["name"]) for i in named if isinstance(i, dict) and isinstance(i.get("id"), int) and "name" in i
+    }
 
 
 def read_image(capture: Capture, frame: Frame) -> NDArray[np.uint8]:
@@ -150,15 +160,55 @@ def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
     truth = capture.frames[index].truth
     if truth is None or capture.tracks is None:
         return _movers(capture, index)
-    instance_id = _array(capture.folder / truth, "instance_id")
+    instance_id = instance_ids(capture, index)
     tracks = capture.folder / capture.tracks
     ids, moving = _array(tracks, "instance_id"), _array(tracks, "moving")
-    expected = (capture.camera.height, capture.camera.width)
-    if instance_id.shape != expected:
-        raise InputError(f"{capture.folder / truth}: instance_id has shape {instance_id.shape}, expected {expected}")
     if moving.shape != (len(capture.frames), len(ids)):
         raise InputError(f"{tracks}: moving has shape {moving.shape}, expected {(len(capture.frames), len(ids))}")
     return np.isin(instance_id, ids[moving[index]])
+
+
+@dataclass(frozen=True)
+class ObjectTracks:
+    """The M instances of a capture with truth, at its N frames."""
+
+    names: tuple[str, ...]  # [M]
+    instance_id: NDArray[np.uint32]  # [M]
+    object_to_world: NDArray[np.float64]  # [N, M, 4, 4]; the origin is the center of the footprint, x forward
+    moving: NDArray[np.bool_]  # [N, M]
+    present: NDArray[np.bool_]  # [N, M]
+
+
+def object_tracks(capture: Capture) -> ObjectTracks | None:
+    """Poses of the instances over time; None where the capture has no truth. Raises InputError for damaged ones."""
+    if capture.tracks is None:
+        return None
+    path = capture.folder / capture.tracks
+    ids, poses, moving = (_array(path, name) for name in ("instance_id", "object_to_world", "moving"))
+    shape = (len(capture.frames), len(ids))
+    present = _array(path, "present") if "present" in _names(path) else np.ones(shape, bool)
+    for name, value, expected in (
+        ("object_to_world", poses, (*shape, 4, 4)),
+        ("moving", moving, shape),
+        ("present", present, shape),
+    ):
+        if value.shape != expected:
+            raise InputError(f"{path}: {name} has shape {value.shape}, expected {expected}; make the capture again")
+    if not np.isfinite(poses).all():
+        raise InputError(f"{path}: object_to_world holds NaN or infinity; make the capture again")
+    names = tuple(capture.instance_names.get(int(i), f"instance {i}") for i in ids)
+    return ObjectTracks(names, ids, poses, moving, present)
+
+
+def instance_ids(capture: Capture, index: int) -> NDArray[np.uint32]:
+    """instance_id of a frame that has truth, [H, W]. Raises InputError for a damaged or missing file."""
+    truth = capture.frames[index].truth
+    path = capture.folder / (truth or "truth")
+    ids = _array(path, "instance_id")
+    expected = (capture.camera.height, capture.camera.width)
+    if ids.shape != expected:
+        raise InputError(f"{path}: instance_id has shape {ids.shape}, expected {expected}")
+    return ids
 
 
 def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
@@ -196,6 +246,11 @@ def _array(path: Path, name: str) -> NDArray[Any]:
         raise InputError(f"{path}: truth is missing; make the capture again") from None
     except Exception as error:  # zipfile, zlib and numpy each raise their own kind for a damaged file
         raise InputError(f"{path}: array {name!r} cannot be read ({error}); make the capture again") from None
+
+
+def _names(path: Path) -> list[str]:
+    with np.load(path, allow_pickle=False) as file:
+        return list(file.files)
 
 
 def _points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:

@@ -29,6 +29,11 @@ def train(
     seed: Annotated[int, arg(help="Of everything random.")] = 0,
     dlgd: Annotated[bool, arg(help="Let offsets and scales deform (paper, section 4.3).")] = True,
     dacw: Annotated[bool, arg(help="Warp the query coordinates by the anchors' density (paper, section 4.4).")] = True,
+    motion: Annotated[
+        Literal["none", "tracks"],
+        arg(help="tracks: movers are found and anchors ride with them (beyond the paper). none: the paper's model."),
+    ] = "none",
+    tracks: Annotated[Literal["truth"], arg(help="Where the tracks of --motion tracks come from.")] = "truth",
     device: Annotated[
         Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
     ] = "auto",
@@ -39,12 +44,14 @@ def train(
 ) -> None:
     """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
     from aa4d.capture.reader import read_capture
-    from aa4d.training.config import PRESETS, with_iterations
+    from aa4d.training.config import PRESETS, MotionSettings, with_iterations
     from aa4d.training.trainer import train as run_training
 
     if not 0 <= seed < LARGEST_SEED:
         raise InputError(f"--seed {seed}: must be from 0 to {LARGEST_SEED - 1}")
     config = replace(PRESETS[preset], seed=seed, refine_poses=refine_poses)
+    if motion == "tracks":
+        config = replace(config, motion=MotionSettings(tracks=tracks))
     if iterations is not None:
         if min(iterations) < 1:
             raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")

@@ -37,6 +37,8 @@ class LearningRates:
     decoder_opacity: Decay = Decay(0.002, 2e-5)  # [Scaffold-GS]
     decoder_color: Decay = Decay(0.008, 5e-5)  # [Scaffold-GS]
     decoder_covariance: Decay = Decay(0.004, 0.004)  # [Scaffold-GS]
+    tracks: Decay = Decay(2e-4, 2e-5)  # [chosen] model units: a hundredth of a pixel's width at focal length 250
+    heading: Decay = Decay(2e-3, 2e-4)  # [chosen] radians: what turns a car's ends by as much
     poses: Decay = Decay(2e-3, 2e-5)  # [chosen] radians and model units; falls over both stages
 
 
@@ -78,6 +80,19 @@ class LossWeights:
 
 
 @dataclass(frozen=True)
+class MotionSettings:
+    """Rigid groups of anchors that ride on the tracks of movers: beyond the paper (docs/motion.md)."""
+
+    tracks: str = "pictures"  # where they come from: a name in aa4d/training/riding.py
+    clean_iterations: int = 400  # [chosen] of the static stage, once more without what seems to move
+    voxel_px: float = 2.0  # [swept] edge of a rider's finest voxel, in pixels at unit depth
+    learn_from: float = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
+    farthest_px: float = 6.0  # [chosen] that a control point may move from where it was found
+    largest_turn: float = 0.35  # [chosen] radians, likewise
+    membership: float = 0.0  # weight of the share of riders that a pixel shows against the movers' masks
+
+
+@dataclass(frozen=True)
 class TrainingConfig:
     preset: str
     coarse_iterations: int
@@ -87,13 +102,16 @@ class TrainingConfig:
     embedding_std: float = 0.01  # [swept] of the embeddings at the start; 1 costs half a decibel
     checkpoint_every: int = 500  # iterations; a killed run repeats at most so many
     refine_poses: bool = False  # learn the training cameras' poses with the scene
+    motion: MotionSettings | None = None  # None: the paper
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification = field(default_factory=Densification)
     warp: WarpSettings = field(default_factory=WarpSettings)
     loss: LossWeights = field(default_factory=LossWeights)
 
     def iterations(self, stage: str) -> int:
-        return self.coarse_iterations if stage == "coarse" else self.fine_iterations
+        """Of "coarse", "clean" (the static scene once more, without movers) or "fine"."""
+        clean = self.motion.clean_iterations if self.motion is not None else 0
+        return {"coarse": self.coarse_iterations, "clean": clean, "fine": self.fine_iterations}[stage]
 
 
 PRESETS = {

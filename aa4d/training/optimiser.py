@@ -11,7 +11,7 @@ from aa4d.training.config import Decay, LearningRates
 
 
 def make_optimiser(model: AdaAnchor4D, rates: LearningRates, stage: str) -> Adam:
-    """One group for each kind of parameter; the coarse stage leaves out all that deforms."""
+    """One group for each kind of parameter; the static stages leave out all that deforms."""
     anchors = model.anchors
     groups: dict[str, list[nn.Parameter]] = {
         "offset": [anchors.offset],
@@ -29,6 +29,8 @@ def make_optimiser(model: AdaAnchor4D, rates: LearningRates, stage: str) -> Adam
         groups["planes"] = list(model.field.parameters())
         groups["position"] = list(model.head_position.parameters())
         groups["deformation"] = [p for module in deforming for p in module.parameters()]
+        if model.groups is not None:
+            groups["tracks"], groups["heading"] = [model.groups.position], [model.groups.heading]
     # eps as in 3DGS: gradients of a mean over pixels are tiny, and the default 1e-8 would damp them.
     return Adam(
         [
@@ -40,10 +42,11 @@ def make_optimiser(model: AdaAnchor4D, rates: LearningRates, stage: str) -> Adam
     )
 
 
-def set_rates(optimiser: Adam, progress: float) -> None:
+def set_rates(optimiser: Adam, progress: float, resting: tuple[str, ...] = ()) -> None:
+    """For `progress` in [0, 1] of the stage; groups named in `resting` do not learn."""
     for group in optimiser.param_groups:
         rate: Decay = group["rate"]
-        group["lr"] = rate.at(progress)
+        group["lr"] = 0.0 if group["name"] in resting else rate.at(progress)
 
 
 def replace_rows(optimiser: Adam, old: nn.Parameter, new: nn.Parameter, rows: Tensor) -> None:

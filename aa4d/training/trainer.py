@@ -27,6 +27,8 @@ from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.kernels.image_loss import image_loss
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
+from aa4d.motion.tracks import Tracks
+from aa4d.motion.tracks_file import load_tracks, save_tracks
 from aa4d.raster.types import Camera
 from aa4d.rendering import Rendered, render
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
@@ -35,10 +37,12 @@ from aa4d.training.growth import densify
 from aa4d.training.history import History
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
+from aa4d.training.riding import StaticViews, add_riders, find, movers_path, needs_static, tracks_path
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
-STAGES = ("coarse", "fine")
+# By stage, of what is drawn at random in it.
+STAGE_SEEDS = {"coarse": 0, "fine": 1, "clean": 2}
 
 
 # What the trainer tells whoever watches, once an iteration: stage, iteration, total, loss, PSNR in dB, anchors.
@@ -116,10 +120,13 @@ def model_config_of(capture: Capture, variant: dict[str, Any]) -> ModelConfig:
 
 def settings_of(capture: Capture, config: TrainingConfig, model_config: ModelConfig) -> dict[str, Any]:
     """What makes a run this one and no other: `config.json`."""
+    training = dataclasses.asdict(config)
+    if config.motion is None:  # as before there was such a setting
+        del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
     return {
         "capture": str(capture.folder.resolve()),
         "capture_fingerprint": capture.fingerprint,
-        "training": dataclasses.asdict(config),
+        "training": training,
         "model": dataclasses.asdict(model_config),
     }
 
@@ -157,6 +164,8 @@ class Run:
         # What no anchor covers shows the mean colour of the training frames: the least wrong constant.
         self.background = (images.float().mean(dim=(0, 1, 2)) / 255).to(self.device)
         self.voxel = config.voxel_px / float(c.K[0, 0])
+        self.pixel = 1 / float(c.K[0, 0])  # its width at unit depth
+        self.tracks: Tracks | None = None  # once they are known
 
     def initial_state(self) -> TrainingState:
         # Drawn on the CPU, whatever the device. The anchors' draws depend on the variant; the model starts anew.
@@ -193,18 +202,58 @@ class Run:
         return load_checkpoint(self.checkpoint_path, self.model_config, c.rates, self.device, self._poses())
 
     def steps(self, state: TrainingState) -> int:
-        """Iterations done over both stages."""
-        return state.iteration + (self.config.coarse_iterations if state.stage == "fine" else 0)
+        """Iterations done over all stages."""
+        before = {"coarse": (), "clean": ("coarse",), "fine": ("coarse", "clean")}[state.stage]
+        return state.iteration + sum(self.config.iterations(stage) for stage in before)
 
     def train(self, state: TrainingState, progress: Progress, history: History) -> None:
         """Raises NotFinite; `state` then tells in which iteration it was found."""
+        self._know_movers(state)
         with stop_requests() as stop_requested:
             while True:
                 self._stage(state, progress, history, stop_requested)
                 if state.stage == "fine":
                     break
-                self._enter_fine(state)
+                self._leave_static(state)
         self._save(state, history)
+
+    def _know_movers(self, state: TrainingState) -> None:
+        """Tracks that a stage depends on, before it starts or continues."""
+        motion = self.config.motion
+        if motion is None:
+            return
+        if state.stage == "fine":
+            self.tracks = load_tracks(tracks_path(self.out))
+        elif state.stage == "clean":
+            self.tracks = load_tracks(movers_path(self.out))
+        elif not needs_static(motion.tracks):
+            self.tracks = find(motion.tracks, self.capture, None)
+
+    def _leave_static(self, state: TrainingState) -> None:
+        """From the coarse to the clean stage, where movers were found that it has not seen; else to the fine stage."""
+        motion = self.config.motion
+        if motion is not None and needs_static(motion.tracks):
+            check_finite(state.optimiser, "a parameter")
+            self.tracks = find(motion.tracks, self.capture, self.static_views(state.model))
+            if state.stage == "coarse" and motion.clean_iterations and self.tracks.moving.any():
+                save_tracks(movers_path(self.out), self.tracks)
+                state.stage, state.iteration = "clean", 0
+                state.optimiser = make_optimiser(state.model, self.config.rates, "clean")
+                save_checkpoint(self.checkpoint_path, state)
+                return
+        self._enter_fine(state)
+
+    @torch.no_grad()
+    def static_views(self, model: AdaAnchor4D) -> StaticViews:
+        """What the static scene shows in place of each training frame."""
+        color, depth = [], []
+        for view in self.views:
+            rendered = render(model, None, view.camera, self.background, outputs=["depth"])
+            rendering = rendered.rendering
+            assert rendering.depth is not None
+            color.append(rendering.color.clamp(0, 1).cpu().numpy())
+            depth.append(rendering.depth.cpu().numpy() * np.float32(self.frame.unit_m))
+        return np.stack(color), np.stack(depth)
 
     def _stage(self, state: TrainingState, progress: Progress, history: History, stop_requested: StopRequest) -> None:
         total = self.config.iterations(state.stage)
@@ -236,9 +285,13 @@ class Run:
         if poses is not None:
             view = dataclasses.replace(view, camera=poses.camera(index, view.camera))
         model, optimiser = state.model, state.optimiser
-        set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1))
+        set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1), self._resting(state))
         rendered = self._render(state, view)
         target = view.target()
+        if self.tracks is not None and state.stage != "fine":
+            # Where something moves the static scene is asked for nothing: its own picture has no gradient.
+            moving = torch.from_numpy(self.tracks.moving[index]).to(self.device)
+            target = torch.where(moving[..., None], rendered.rendering.color.detach(), target)
         loss, squared_error = self._loss(model, state.stage, rendered, target)
         value = loss.item()
         if not math.isfinite(value):
@@ -248,17 +301,27 @@ class Run:
         if watch:
             watch(optimiser, "a gradient")
         optimiser.step()
+        if model.groups is not None and (motion := self.config.motion) is not None:
+            model.groups.bound(motion.farthest_px * self.pixel, motion.largest_turn)
         if poses is not None:
-            total = self.config.coarse_iterations + self.config.fine_iterations
+            total = sum(self.config.iterations(stage) for stage in STAGE_SEEDS)
             poses.step(self.steps(state) / total)
             if (state.iteration + 1) % len(self.views) == 0:
                 poses.fix_gauge()
         if watch:
             watch(optimiser, "a parameter")
         with torch.no_grad():
-            seed = (self.config.seed, STAGES.index(state.stage))
-            densify(state, self.config.densification, rendered, self.voxel, seed)
+            seed = (self.config.seed, STAGE_SEEDS[state.stage])
+            if state.stage != "clean":
+                rider_voxel = self.config.motion.voxel_px * self.pixel if self.config.motion is not None else 0.0
+                densify(state, self.config.densification, rendered, self.voxel, seed, rider_voxel)
         return value, decibels(squared_error.item())
+
+    def _resting(self, state: TrainingState) -> tuple[str, ...]:
+        """Parameter groups that do not learn yet."""
+        motion = self.config.motion
+        early = motion is not None and state.iteration < motion.learn_from * self.config.fine_iterations
+        return ("tracks", "heading") if early else ()
 
     def _render(self, state: TrainingState, view: View) -> Rendered:
         try:
@@ -269,7 +332,7 @@ class Run:
     def _view_index(self, stage: str, iteration: int) -> int:
         """Every view once an epoch, in an order drawn from (seed, stage, epoch)."""
         epoch, position = divmod(iteration, len(self.views))
-        order = np.random.default_rng([self.config.seed, STAGES.index(stage), epoch]).permutation(len(self.views))
+        order = np.random.default_rng([self.config.seed, STAGE_SEEDS[stage], epoch]).permutation(len(self.views))
         return int(order[position])
 
     def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> tuple[Tensor, Tensor]:
@@ -298,9 +361,15 @@ class Run:
                 density_adaptive_boundaries(u, self.model_config.bins, w.smoothing, w.gamma, w.lambda_min, w.lambda_max)
             )
         self._save_model(state, self.out / "coarse.safetensors")
+        if self.config.motion is not None and self.tracks is not None:
+            save_tracks(tracks_path(self.out), self.tracks)
+            if len(self.tracks):
+                voxel = self.config.motion.voxel_px * self.pixel
+                torch.manual_seed(self.config.seed)
+                add_riders(model, self.capture, self.tracks, self.frame, voxel, self.config.embedding_std)
         state.stage, state.iteration = "fine", 0
         state.optimiser = make_optimiser(model, self.config.rates, "fine")
-        state.statistics = Statistics.zeros(len(position), self.model_config.offsets, self.device)
+        state.statistics = Statistics.zeros(len(model.anchors), self.model_config.offsets, self.device)
         save_checkpoint(self.checkpoint_path, state)
 
     def _save(self, state: TrainingState, history: History) -> None:
@@ -346,10 +415,11 @@ class Run:
         if found.what == "a parameter":
             at, where = at - 1, f"{state.stage} iteration {state.iteration}"  # found once that iteration was over
         again = self.last_good_state()
+        self._know_movers(again)
         say(f"{found.what} is not finite at {where}; repeating {at - self.steps(again) + 1} iterations to see why")
         try:
             while self.steps(again) <= at:
-                if again.stage == "coarse" and again.iteration == self.config.coarse_iterations:
+                if again.stage != "fine" and again.iteration == self.config.iterations(again.stage):
                     break  # the fine stage starts with a checkpoint: what follows would be another run
                 self.step(again, check_finite)
                 again.iteration += 1

@@ -1,0 +1,106 @@
+"""Motion in training: tracks are found on the static stage, and anchors are made that ride on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from aa4d.anchors.canonical import Anchors, spacing
+from aa4d.capture.frame import ModelFrame
+from aa4d.capture.reader import Capture
+from aa4d.model import AdaAnchor4D
+from aa4d.motion.groups import Groups
+from aa4d.motion.seeding import seeds
+from aa4d.motion.tracks import Tracks
+from aa4d.motion.truth import truth_tracks
+
+# What the static stage shows in place of each training frame: color [V, H, W, 3] in [0, 1] and depth_z [V, H, W] in
+# world units, zero where nothing is.
+StaticViews = tuple[np.ndarray, np.ndarray]
+
+
+def _from_truth(capture: Capture, frames: list[int], _static: StaticViews | None) -> Tracks:
+    return truth_tracks(capture, frames)
+
+
+# Where tracks come from, by the name that `--tracks` takes: what makes them, and whether it looks at the static stage.
+SOURCES: dict[str, tuple[Callable[[Capture, list[int], StaticViews | None], Tracks], bool]] = {
+    "truth": (_from_truth, False),
+}
+
+
+def needs_static(source: str) -> bool:
+    return SOURCES[source][1]
+
+
+def find(source: str, capture: Capture, static: StaticViews | None) -> Tracks:
+    return SOURCES[source][0](capture, capture.of_split("train"), static)
+
+
+def make_groups(tracks: Tracks, frame: ModelFrame) -> Groups:
+    """The trajectories in the model's frame; anchors are looked up in the field where their group is at mid-sight."""
+    control = tracks.control.copy()
+    control[..., :3] = frame.to_model(control[..., :3])
+    seen = np.clip(tracks.shown[:, 1:3], 0, 1).mean(axis=1)
+    reference = np.stack([tracks.poses(np.array([t]))[g, 0] for g, t in enumerate(seen)])
+    reference[:, :3] = frame.to_model(reference[:, :3])
+    as_tensor = lambda a: torch.from_numpy(np.ascontiguousarray(a)).float()  # noqa: E731
+    return Groups(tracks.names, *(as_tensor(a) for a in (control, reference, tracks.shown, tracks.up)))
+
+
+def add_riders(
+    model: AdaAnchor4D, capture: Capture, tracks: Tracks, frame: ModelFrame, voxel: float, embedding_std: float
+) -> None:
+    """Append anchors that fill the movers, in voxels of edge `voxel` (model units), and let them ride on the tracks.
+
+    Draws from torch's global generator, on the CPU.
+    """
+    frames = capture.of_split("train")
+    t = np.array([capture.frames[i].t for i in frames])
+    viewmats = np.stack([capture.frames[i].viewmat for i in frames])
+    centers, group = seeds(tracks, t, viewmats, capture.camera.K, voxel * frame.unit_m)
+    centers = centers / frame.unit_m  # a group's frame is turned and shifted, not scaled
+    old = model.anchors
+    scale = np.concatenate(
+        [spacing(centers[group == g], floor=1e-3 * voxel) for g in range(len(tracks)) if (group == g).any()]
+        or [np.zeros(0)]
+    )
+    c, device = model.config, old.position.device
+    new = Anchors(
+        torch.from_numpy(centers).float(),
+        torch.from_numpy(np.log(np.minimum(scale, 2 * voxel))).float()[:, None].repeat(1, 6),
+        c.offsets,
+        c.feature_dim,
+        c.embedding_dim,
+        embeddings=c.embeddings(),
+        embedding_std=embedding_std,
+    ).to(device)
+    for name, value in list(old.named_parameters()):
+        setattr(old, name, nn.Parameter(torch.cat([value.detach(), getattr(new, name).detach()])))
+    old.position = torch.cat([old.position, new.position])
+    belongs = torch.cat([torch.full((len(old) - len(group),), -1), torch.from_numpy(group)]).to(device)
+    model.ride(make_groups(tracks, frame).to(device), belongs)
+
+
+def membership_loss(share: Tensor, labels: Tensor, moving: Tensor) -> Tensor:
+    """Mean distance of the share of riders that pixels show, [H, W], from 1 on movers and 0 away from them.
+
+    Args:
+        labels: [H, W] bool, pixels that show a tracked mover.
+        moving: [H, W] bool, pixels that may show one: those outside of `labels` say nothing.
+    """
+    certain = labels | ~moving
+    return ((share - labels.float()).abs() * certain).sum() / certain.sum().clamp_min(1)
+
+
+def tracks_path(out: Path) -> Path:
+    return out / "tracks.npz"
+
+
+def movers_path(out: Path) -> Path:
+    """The first look, on a static stage that saw the movers: what the clean stage leaves out."""
+    return out / "movers.npz"
