@@ -91,6 +91,11 @@ class MotionSettings:
     largest_turn: float = 0.35  # [chosen] radians, likewise
     membership: float = 0.0  # weight of the share of riders that a pixel shows against the movers' masks
 
+    @property
+    def needs_static(self) -> bool:
+        """Whether tracks are found on a static scene; the truth is known before there is one."""
+        return self.tracks != "truth"
+
 
 @dataclass(frozen=True)
 class TrainingConfig:
@@ -110,7 +115,7 @@ class TrainingConfig:
 
     def iterations(self, stage: str) -> int:
         """Of "coarse", "clean" (the static scene once more, without movers) or "fine"."""
-        clean = self.motion.clean_iterations if self.motion is not None else 0
+        clean = self.motion.clean_iterations if self.motion is not None and self.motion.needs_static else 0
         return {"coarse": self.coarse_iterations, "clean": clean, "fine": self.fine_iterations}[stage]
 
 

@@ -23,22 +23,15 @@ from aa4d.motion.truth import truth_tracks
 StaticViews = tuple[np.ndarray, np.ndarray]
 
 
-def _from_truth(capture: Capture, frames: list[int], _static: StaticViews | None) -> Tracks:
-    return truth_tracks(capture, frames)
-
-
-# Where tracks come from, by the name that `--tracks` takes: what makes them, and whether it looks at the static stage.
-SOURCES: dict[str, tuple[Callable[[Capture, list[int], StaticViews | None], Tracks], bool]] = {
-    "truth": (_from_truth, False),
+# Where tracks come from, by the name that `--tracks` takes.
+SOURCES: dict[str, Callable[[Capture, list[int], StaticViews | None], Tracks]] = {
+    "truth": lambda capture, frames, _static: truth_tracks(capture, frames),
 }
 
 
-def needs_static(source: str) -> bool:
-    return SOURCES[source][1]
-
-
 def find(source: str, capture: Capture, static: StaticViews | None) -> Tracks:
-    return SOURCES[source][0](capture, capture.of_split("train"), static)
+    """`static` is None where the settings say that no static scene is needed."""
+    return SOURCES[source](capture, capture.of_split("train"), static)
 
 
 def make_groups(tracks: Tracks, frame: ModelFrame) -> Groups:

@@ -37,7 +37,7 @@ from aa4d.training.growth import densify
 from aa4d.training.history import History
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
-from aa4d.training.riding import StaticViews, add_riders, find, movers_path, needs_static, tracks_path
+from aa4d.training.riding import StaticViews, add_riders, find, movers_path, tracks_path
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
@@ -226,16 +226,16 @@ class Run:
             self.tracks = load_tracks(tracks_path(self.out))
         elif state.stage == "clean":
             self.tracks = load_tracks(movers_path(self.out))
-        elif not needs_static(motion.tracks):
+        elif not motion.needs_static:
             self.tracks = find(motion.tracks, self.capture, None)
 
     def _leave_static(self, state: TrainingState) -> None:
         """From the coarse to the clean stage, where movers were found that it has not seen; else to the fine stage."""
         motion = self.config.motion
-        if motion is not None and needs_static(motion.tracks):
+        if motion is not None and motion.needs_static:
             check_finite(state.optimiser, "a parameter")
             self.tracks = find(motion.tracks, self.capture, self.static_views(state.model))
-            if state.stage == "coarse" and motion.clean_iterations and self.tracks.moving.any():
+            if state.stage == "coarse" and self.config.iterations("clean") and self.tracks.moving.any():
                 save_tracks(movers_path(self.out), self.tracks)
                 state.stage, state.iteration = "clean", 0
                 state.optimiser = make_optimiser(state.model, self.config.rates, "clean")

@@ -1,4 +1,4 @@
-"""A short training; as a program one that is killed: `python -m tests.training.short_run CAPTURE OUT MOMENT...`."""
+"""A short training; as a program one that is killed: `python -m tests.training.short_run CAPTURE OUT CONFIG ...`."""
 
 import os
 import signal
@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from aa4d.capture.reader import read_capture
-from aa4d.training.config import PRESETS, Densification, TrainingConfig
+from aa4d.training.config import PRESETS, Densification, MotionSettings, TrainingConfig
 from aa4d.training.trainer import train
 
 SHORT = TrainingConfig(
@@ -19,13 +19,15 @@ SHORT = TrainingConfig(
     densification=Densification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
 )
 OFTEN_SAVED = replace(SHORT, checkpoint_every=8)
+RIDING = replace(OFTEN_SAVED, motion=MotionSettings(tracks="truth"))  # the square of the toy capture is a rigid group
+CONFIGS = {"paper": OFTEN_SAVED, "riding": RIDING}
 
 
 def kill_myself() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def train_until(capture: Path, out: Path, moment: str, number: str) -> None:
+def train_until(capture: Path, out: Path, config: str, moment: str, number: str) -> None:
     """Killed after an iteration ("coarse" or "fine"), or before the number-th renaming of a file of that name."""
     rename, renamed = Path.replace, []
 
@@ -41,8 +43,8 @@ def train_until(capture: Path, out: Path, moment: str, number: str) -> None:
             kill_myself()
 
     Path.replace = replace_or_die  # type: ignore[method-assign, assignment]
-    train(read_capture(capture), out, OFTEN_SAVED, progress)
+    train(read_capture(capture), out, CONFIGS[config], progress)
 
 
 if __name__ == "__main__":
-    train_until(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4])
+    train_until(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:6])

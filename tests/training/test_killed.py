@@ -16,7 +16,7 @@ from aa4d.training.history import COLUMNS
 from aa4d.training.run_folder import claimed
 from aa4d.training.trainer import train
 from tests.toy_capture import write_toy_capture
-from tests.training.short_run import OFTEN_SAVED
+from tests.training.short_run import CONFIGS
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -26,11 +26,13 @@ def silent(*_: object) -> None:
 
 
 @pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Path]]:
+    """A capture, and by configuration the run that nothing stopped."""
     folder = tmp_path_factory.mktemp("uninterrupted")
     capture = write_toy_capture(folder / "capture")
-    train(read_capture(capture), folder / "run", OFTEN_SAVED, silent)
-    return capture, folder / "run"
+    for name, config in CONFIGS.items():
+        train(read_capture(capture), folder / name, config, silent)
+    return capture, {name: folder / name for name in CONFIGS}
 
 
 def steps(run: Path) -> list[str]:
@@ -40,29 +42,31 @@ def steps(run: Path) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("moment", "number"),
+    ("config", "moment", "number"),
     [
-        ("coarse", 17),
-        ("fine", 29),
-        ("checkpoint.safetensors", 2),
-        ("checkpoint.safetensors", 9),
-        ("history.csv", 7),
-        ("coarse.safetensors", 1),
-        ("model.safetensors", 1),
+        ("paper", "coarse", 17),
+        ("paper", "fine", 29),
+        ("paper", "checkpoint.safetensors", 2),
+        ("paper", "checkpoint.safetensors", 9),
+        ("paper", "history.csv", 7),
+        ("paper", "coarse.safetensors", 1),
+        ("paper", "model.safetensors", 1),
+        ("riding", "tracks.npz", 1),
+        ("riding", "fine", 29),
     ],
 )
 def test_a_killed_run_continues_to_the_same_bits(
-    uninterrupted: tuple[Path, Path], tmp_path: Path, moment: str, number: int
+    uninterrupted: tuple[Path, dict[str, Path]], tmp_path: Path, config: str, moment: str, number: int
 ) -> None:
-    capture, whole = uninterrupted
+    capture, whole = uninterrupted[0], uninterrupted[1][config]
     out = tmp_path / "run"
-    arguments = [sys.executable, "-m", "tests.training.short_run", str(capture), str(out), moment, str(number)]
+    arguments = [sys.executable, "-m", "tests.training.short_run", str(capture), str(out), config, moment, str(number)]
     # Sums over anchors depend on how many threads share them: the same bits need the same number.
     environment = os.environ | {"OMP_NUM_THREADS": str(torch.get_num_threads())}
     killed = subprocess.run(arguments, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     said: list[str] = []
-    train(read_capture(capture), out, OFTEN_SAVED, silent, say=said.append)
+    train(read_capture(capture), out, CONFIGS[config], silent, say=said.append)
     assert len(said) == 1
     assert said[0].startswith("continuing at ")
     for name in ("coarse.safetensors", "model.safetensors"):

@@ -1,0 +1,110 @@
+"""Anchors that ride with what moves, from true tracks to the trained model."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from aa4d.capture.reader import read_capture
+from aa4d.errors import InputError
+from aa4d.evaluation.evaluate import evaluate
+from aa4d.model_file import load_model
+from aa4d.motion.truth import truth_tracks
+from aa4d.training.config import MotionSettings
+from aa4d.training.riding import membership_loss, tracks_path
+from aa4d.training.trainer import train
+from tests.toy_capture import square_centre, write_toy_capture
+from tests.training.short_run import RIDING, SHORT
+
+
+def silent(*_: object) -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_toy_capture(tmp_path_factory.mktemp("toy") / "capture", frames=17)
+
+
+def test_a_mover_that_rides_is_sharp_at_times_that_training_never_saw(toy: Path, tmp_path: Path) -> None:
+    dynamic = {}
+    for name, config in (("none", SHORT), ("tracks", RIDING)):
+        run = tmp_path / name
+        train(read_capture(toy), run, replace(config, coarse_iterations=150, fine_iterations=250), silent)
+        dynamic[name] = evaluate(run, toy, silent).psnr_dynamic
+    assert dynamic["none"] is not None
+    assert dynamic["tracks"] is not None
+    assert dynamic["tracks"] > dynamic["none"] + 6
+
+
+def test_true_tracks_are_where_the_truth_is(toy: Path) -> None:
+    capture = read_capture(toy)
+    frames = capture.of_split("train")
+    tracks = truth_tracks(capture, frames)
+    assert tracks.names == ("square",)
+    t = np.array([frame.t for frame in capture.frames])
+    np.testing.assert_allclose(tracks.poses(t)[0, :, :2], [square_centre(s) for s in t], atol=1e-4)
+    assert (tracks.presence(t) == 1).all()
+    assert tracks.labels.any(axis=(1, 2)).all()
+    assert (tracks.moving | (tracks.labels == 0)).all()
+
+
+def test_true_tracks_are_refused_where_there_is_no_truth(toy: Path) -> None:
+    capture = replace(read_capture(toy), tracks=None)
+    with pytest.raises(InputError, match="no truth to take tracks from; use --tracks pictures"):
+        truth_tracks(capture, capture.of_split("train"))
+
+
+def test_where_nothing_moves_the_model_is_the_papers_bit_for_bit(tmp_path: Path) -> None:
+    folder = write_toy_capture(tmp_path / "capture")
+    with np.load(folder / "truth/tracks.npz") as file:
+        arrays = dict(file)
+    arrays["object_to_world"][:] = arrays["object_to_world"][0]
+    np.savez(folder / "truth/tracks.npz", **arrays)
+    for name, config in (("none", SHORT), ("tracks", RIDING)):
+        train(read_capture(folder), tmp_path / name, config, silent)
+    none, tracks = (load_model(tmp_path / name / "model.safetensors").model for name in ("none", "tracks"))
+    assert tracks.groups is None
+    assert none.state_dict().keys() == tracks.state_dict().keys()
+    for key, value in none.state_dict().items():
+        assert torch.equal(value, tracks.state_dict()[key]), key
+
+
+def test_a_riders_model_survives_its_file(toy: Path, tmp_path: Path) -> None:
+    train(read_capture(toy), tmp_path / "run", RIDING, silent)
+    loaded = load_model(tmp_path / "run/model.safetensors")
+    groups = loaded.model.groups
+    assert groups is not None
+    assert groups.names == ("square",)
+    assert loaded.model.anchors.group is not None
+    assert set(loaded.model.anchors.group.tolist()) == {-1, 0}
+    start, end = (
+        loaded.frame.origin_m + loaded.frame.unit_m * groups.pose(t).position[0].detach().numpy() for t in (0.0, 1.0)
+    )
+    np.testing.assert_allclose((end - start)[:2], square_centre(1) - square_centre(0), atol=1.0)
+    assert load_model(tmp_path / "run/coarse.safetensors").model.groups is None
+
+
+def test_a_run_whose_tracks_are_gone_says_so(toy: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    train(read_capture(toy), out, RIDING, silent)
+    (out / "model.safetensors").unlink()
+    tracks_path(out).unlink()
+    with pytest.raises(InputError, match="the run's tracks are missing; delete the run and train again"):
+        train(read_capture(toy), out, RIDING, silent)
+
+
+def test_membership_asks_only_where_it_is_certain() -> None:
+    share = torch.tensor([[1.0, 0.5, 0.25, 0.0]])
+    labels = torch.tensor([[True, False, False, True]])
+    moving = torch.tensor([[True, True, False, True]])
+    assert membership_loss(share, labels, moving).item() == pytest.approx((0 + 0.25 + 1) / 3)
+
+
+def test_other_motion_settings_make_another_run(toy: Path, tmp_path: Path) -> None:
+    train(read_capture(toy), tmp_path / "run", RIDING, silent)
+    other = replace(RIDING, motion=MotionSettings(tracks="truth", voxel_px=3.0))
+    with pytest.raises(InputError, match=r"another training.motion.voxel_px"):
+        train(read_capture(toy), tmp_path / "run", other, silent)
