@@ -12,8 +12,11 @@ from aa4d.commands.experiment_options import Options
 
 def ablate(
     what: Annotated[
-        Positional[Literal["modules", "aggregation"]],
-        arg(help="modules: product, then ACFA, DLGD and DACW. aggregation: ACFA beside its four rivals."),
+        Positional[Literal["modules", "aggregation", "motion"]],
+        arg(
+            help="modules: product, then ACFA, DLGD and DACW. aggregation: ACFA beside its four rivals. motion: the "
+            "paper's model, the same with anchors that ride on found tracks, and on true ones."
+        ),
     ],
     captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
     experiment: Options,

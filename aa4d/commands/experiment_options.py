@@ -17,6 +17,10 @@ class ExperimentOptions:
     iterations: Annotated[
         tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
     ] = None
+    motion: Annotated[
+        Literal["none", "tracks"],
+        arg(help="none: the paper's model. tracks: every variant with anchors that ride on found tracks."),
+    ] = "none"
     jobs: Annotated[int, arg(help="Runs at a time; with several, each has one thread.")] = 1
 
 

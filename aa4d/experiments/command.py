@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from rich.box import SIMPLE
@@ -13,7 +14,7 @@ from aa4d.errors import InputError
 from aa4d.experiments.runner import run_experiment, trials_of
 from aa4d.experiments.tables import cells, columns_of, headings, lines_of
 from aa4d.experiments.variants import Experiment
-from aa4d.training.config import PRESETS, with_iterations
+from aa4d.training.config import PRESETS, MotionSettings, with_iterations
 
 WIDTH = 120
 
@@ -26,6 +27,7 @@ def run(
     preset: str,
     iterations: tuple[int, int] | None,
     seeds: int,
+    motion: str,
     jobs: int,
 ) -> None:
     """Raises InputError for a number that makes no sense, and what `run_experiment` raises."""
@@ -35,6 +37,8 @@ def run(
         if value < 1:
             raise InputError(f"{name} {value}: must be at least 1")
     config = PRESETS[preset]
+    if motion == "tracks":
+        config = replace(config, motion=MotionSettings())
     if iterations is not None:
         config = with_iterations(config, *iterations)
     trials = trials_of(experiment, captures, out, config, seeds)

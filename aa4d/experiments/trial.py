@@ -31,7 +31,7 @@ class Trial:
 
     @property
     def iterations(self) -> int:
-        return self.config.coarse_iterations + self.config.fine_iterations
+        return self.config.total_iterations
 
     @property
     def name(self) -> str:
@@ -58,11 +58,9 @@ def run_trial(trial: Trial, progress: Callable[[int], None]) -> Row:
     from aa4d.evaluation.evaluate import evaluate
     from aa4d.training.trainer import train
 
-    done = {"coarse": 0, "fine": trial.config.coarse_iterations}
-
     def tell(stage: str, iteration: int, *_: object) -> None:
         if iteration % REPORT_EVERY == 0:
-            progress(done[stage] + iteration)
+            progress(trial.config.iterations_before(stage) + iteration)
 
     train(read_capture(trial.capture), trial.out, trial.config, tell, variant=trial.model)
     metrics = evaluate(trial.out, trial.capture, lambda *_: None).as_json()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from aa4d.training.config import TrainingConfig
+from aa4d.training.config import MotionSettings, TrainingConfig
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,15 @@ ABLATIONS = {
             _modules("ACFA + DLGD", "acfa", dlgd=True, dacw=False),
             _modules("ACFA + DACW", "acfa", dlgd=False, dacw=True),
             _modules("ACFA + DLGD + DACW", "acfa", dlgd=True, dacw=True),
+        ),
+    ),
+    "motion": Experiment(
+        "motion",
+        "What riding on tracks adds (beyond the paper)",
+        (
+            Variant("paper"),
+            Variant("tracks", training={"motion": MotionSettings()}),
+            Variant("true tracks", training={"motion": MotionSettings(tracks="truth")}),
         ),
     ),
     "aggregation": Experiment(

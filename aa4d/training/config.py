@@ -10,6 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+# In order. "clean" is the static scene once more without what seems to move; only where movers are looked for.
+STAGES = ("coarse", "clean", "fine")
+
 
 @dataclass(frozen=True)
 class Decay:
@@ -114,9 +117,16 @@ class TrainingConfig:
     loss: LossWeights = field(default_factory=LossWeights)
 
     def iterations(self, stage: str) -> int:
-        """Of "coarse", "clean" (the static scene once more, without movers) or "fine"."""
+        """Of one of `STAGES`."""
         clean = self.motion.clean_iterations if self.motion is not None and self.motion.needs_static else 0
         return {"coarse": self.coarse_iterations, "clean": clean, "fine": self.fine_iterations}[stage]
+
+    def iterations_before(self, stage: str) -> int:
+        return sum(self.iterations(earlier) for earlier in STAGES[: STAGES.index(stage)])
+
+    @property
+    def total_iterations(self) -> int:
+        return sum(self.iterations(stage) for stage in STAGES)
 
 
 PRESETS = {

@@ -203,8 +203,7 @@ class Run:
 
     def steps(self, state: TrainingState) -> int:
         """Iterations done over all stages."""
-        before = {"coarse": (), "clean": ("coarse",), "fine": ("coarse", "clean")}[state.stage]
-        return state.iteration + sum(self.config.iterations(stage) for stage in before)
+        return self.config.iterations_before(state.stage) + state.iteration
 
     def train(self, state: TrainingState, progress: Progress, history: History) -> None:
         """Raises NotFinite; `state` then tells in which iteration it was found."""
@@ -304,8 +303,7 @@ class Run:
         if model.groups is not None and (motion := self.config.motion) is not None:
             model.groups.bound(motion.farthest_px * self.pixel, motion.largest_turn)
         if poses is not None:
-            total = sum(self.config.iterations(stage) for stage in STAGE_SEEDS)
-            poses.step(self.steps(state) / total)
+            poses.step(self.steps(state) / self.config.total_iterations)
             if (state.iteration + 1) % len(self.views) == 0:
                 poses.fix_gauge()
         if watch:
