@@ -106,7 +106,7 @@ class AdaAnchor4D(nn.Module):
         rows = (a.group >= 0).nonzero()[:, 0]
         group = a.group[rows]
         pose = self.groups.pose(t).at(group)
-        eyes = eye.expand_as(a.position).index_copy(0, rows, pose.to_group(eye.expand(len(rows), 3)))
+        eyes = eye.expand_as(a.position).index_copy(0, rows, pose.to_group(eye.expand(len(rows), 1, 3))[:, 0])
         gaussians = self.decoder(state, eyes)
         return carry(gaussians, len(a.position), rows, pose, self.groups.presence(t)[group])
 
@@ -132,7 +132,7 @@ class AdaAnchor4D(nn.Module):
             return position
         rows = (group >= 0).nonzero()[:, 0]
         pose = self.groups.pose(t).at(group[rows])
-        return position.index_copy(0, rows, pose.to_world(position.index_select(0, rows)))
+        return position.index_copy(0, rows, pose.to_world(position.index_select(0, rows)[:, None])[:, 0])
 
     def networks_and_planes(self) -> list[Tensor]:
         """What "neural size" counts in the field's tables: everything but the anchors' own attributes."""

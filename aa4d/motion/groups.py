@@ -20,43 +20,38 @@ SHORTEST_RAMP = 1e-9  # of t
 
 @dataclass(frozen=True)
 class Pose:
-    """Where groups are: x_world = R(up, heading) x_group + position, all in the model's frame."""
+    """Where groups are: x_world = rotation x_group + position, all in the model's frame."""
 
     position: Tensor  # [G, 3]
-    heading: Tensor  # [G] radians
-    up: Tensor  # [3] unit
+    rotation: Tensor  # [G, 3, 3]
+    quaternion: Tensor  # [G, 4, 4] the matrix that multiplies quaternions w x y z by the rotation's from the left
 
     def at(self, group: Tensor) -> Pose:
         """Of the groups at `group` [M]."""
-        return Pose(self.position.index_select(0, group), self.heading.index_select(0, group), self.up)
+        return Pose(*(value.index_select(0, group) for value in (self.position, self.rotation, self.quaternion)))
 
     def to_world(self, x: Tensor) -> Tensor:
-        """[G, 3] or [G, K, 3], one row of points a group."""
-        return self._turned(x, self.heading) + self._beside(self.position, x)
+        """[G, K, 3], K points a group."""
+        return torch.baddbmm(self.position[:, None], x, self.rotation.transpose(1, 2))
 
     def to_group(self, x: Tensor) -> Tensor:
         """The inverse of `to_world`."""
-        return self._turned(x - self._beside(self.position, x), -self.heading)
+        return torch.bmm(x - self.position[:, None], self.rotation)
 
     def turn(self, quaternions: Tensor) -> Tensor:
         """Rotations w x y z of any length, [G, K, 4] in the group's axes, in the world's."""
-        half = 0.5 * self.heading[:, None]
-        a, b = half.cos(), half.sin()[..., None] * self.up  # [G, 1], [G, 1, 3]
-        w, v = quaternions[..., 0], quaternions[..., 1:]
-        real = a * w - (b * v).sum(-1)
-        imaginary = a[..., None] * v + w[..., None] * b + torch.linalg.cross(b.expand_as(v), v)
-        return torch.cat([real[..., None], imaginary], -1)
+        return torch.bmm(quaternions, self.quaternion.transpose(1, 2))
 
-    def _turned(self, x: Tensor, angle: Tensor) -> Tensor:
-        """Rodrigues' formula."""
-        angle = self._beside(angle[:, None], x)
-        c, s = angle.cos(), angle.sin()
-        up = self.up.expand_as(x)
-        return c * x + s * torch.linalg.cross(up, x) + (1 - c) * (x * up).sum(-1, keepdim=True) * up
 
-    @staticmethod
-    def _beside(value: Tensor, x: Tensor) -> Tensor:
-        return value[:, None] if x.dim() == 3 else value
+def pose_of(position: Tensor, heading: Tensor, up: Tensor) -> Pose:
+    """position [G, 3], heading [G] in radians about `up` [3], a unit vector (Rodrigues' formula)."""
+    zero = torch.zeros_like(up[0])
+    x, y, z = up.unbind()
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero]).view(3, 3)
+    angle = heading[:, None, None]
+    rotation = torch.eye(3).to(up) + angle.sin() * cross + (1 - angle.cos()) * (cross @ cross)
+    by_up = torch.stack([zero, -x, -y, -z, x, zero, -z, y, y, z, zero, -x, z, -y, x, zero]).view(4, 4)
+    return Pose(position, rotation, (angle / 2).cos() * torch.eye(4).to(up) + (angle / 2).sin() * by_up)
 
 
 class Groups(nn.Module):
@@ -84,11 +79,11 @@ class Groups(nn.Module):
     def pose(self, t: float | None) -> Pose:
         """Of every group at t in [0, 1], or at its reference where t is None."""
         if t is None:
-            return Pose(self.reference[:, :3], self.reference[:, 3], self.up)
+            return pose_of(self.reference[:, :3], self.reference[:, 3], self.up)
         first, weights = weights_at(t, self.position.shape[1])
         w = torch.tensor(weights, dtype=self.position.dtype, device=self.position.device)
         position = (w[:, None] * self.position[:, first : first + 4]).sum(1)
-        return Pose(position, (w * self.heading[:, first : first + 4]).sum(1), self.up)
+        return pose_of(position, (w * self.heading[:, first : first + 4]).sum(1), self.up)
 
     def presence(self, t: float | None) -> Tensor:
         """[G] in [0, 1]: the share of its opacity that each group has at t; one where t is None."""

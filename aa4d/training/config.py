@@ -92,6 +92,9 @@ class MotionSettings:
     learn_from: float = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
     farthest_px: float = 6.0  # [chosen] that a control point may move from where it was found
     largest_turn: float = 0.35  # [chosen] radians, likewise
+    # [swept] of the field where anchors ride: with nothing left to chase it may be calm, and learns instants less.
+    time_smoothness: float = 0.1
+    time_constancy: float = 1e-3
     membership: float = 0.0  # weight of the share of riders that a pixel shows against the movers' masks
 
     @property

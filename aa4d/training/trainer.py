@@ -342,8 +342,11 @@ class Run:
         volume = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
         loss = loss + weights.volume * volume
         if stage == "fine":
+            # Where anchors ride, their settings say how calm the field is.
+            motion = self.config.motion if model.groups is not None else None
+            time = motion or weights
             loss = loss + regularisation(
-                model.field, weights.plane_smoothness, weights.time_smoothness, weights.time_constancy
+                model.field, weights.plane_smoothness, time.time_smoothness, time.time_constancy
             )
         return loss, squared_error
 
