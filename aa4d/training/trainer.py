@@ -37,7 +37,7 @@ from aa4d.training.growth import densify
 from aa4d.training.history import History
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
-from aa4d.training.riding import StaticViews, add_riders, find, movers_path, tracks_path
+from aa4d.training.riding import StaticViews, add_riders, find, membership_loss, movers_path, tracks_path
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
@@ -105,7 +105,7 @@ def train(
             say(f"continuing at {state.stage} iteration {state.iteration} of {config.iterations(state.stage)}")
         history = History(out, step, tensorboard=tensorboard)
         try:
-            run.train(state, progress, history)
+            run.train(state, progress, history, say)
         except NotFinite as found:
             raise InputError(run.diagnosis(state, found, say)) from None
         finally:
@@ -205,7 +205,7 @@ class Run:
         """Iterations done over all stages."""
         return self.config.iterations_before(state.stage) + state.iteration
 
-    def train(self, state: TrainingState, progress: Progress, history: History) -> None:
+    def train(self, state: TrainingState, progress: Progress, history: History, say: Say = lambda _: None) -> None:
         """Raises NotFinite; `state` then tells in which iteration it was found."""
         self._know_movers(state)
         with stop_requests() as stop_requested:
@@ -213,7 +213,7 @@ class Run:
                 self._stage(state, progress, history, stop_requested)
                 if state.stage == "fine":
                     break
-                self._leave_static(state)
+                self._leave_static(state, say)
         self._save(state, history)
 
     def _know_movers(self, state: TrainingState) -> None:
@@ -228,12 +228,16 @@ class Run:
         elif not motion.needs_static:
             self.tracks = find(motion.tracks, self.capture, None)
 
-    def _leave_static(self, state: TrainingState) -> None:
+    def _leave_static(self, state: TrainingState, say: Say) -> None:
         """From the coarse to the clean stage, where movers were found that it has not seen; else to the fine stage."""
         motion = self.config.motion
         if motion is not None and motion.needs_static:
             check_finite(state.optimiser, "a parameter")
+            started = time.perf_counter()
             self.tracks = find(motion.tracks, self.capture, self.static_views(state.model))
+            seconds = time.perf_counter() - started
+            state.seconds += seconds
+            say(f"movers: {len(self.tracks)} tracks after the {state.stage} stage, in {seconds:.0f} s")
             if state.stage == "coarse" and self.config.iterations("clean") and self.tracks.moving.any():
                 save_tracks(movers_path(self.out), self.tracks)
                 state.stage, state.iteration = "clean", 0
@@ -292,6 +296,11 @@ class Run:
             moving = torch.from_numpy(self.tracks.moving[index]).to(self.device)
             target = torch.where(moving[..., None], rendered.rendering.color.detach(), target)
         loss, squared_error = self._loss(model, state.stage, rendered, target)
+        share = rendered.rendering.features
+        if share is not None and self.tracks is not None and (motion := self.config.motion) is not None:
+            labels = torch.from_numpy(self.tracks.labels[index] > 0).to(self.device)
+            moving = torch.from_numpy(self.tracks.moving[index]).to(self.device)
+            loss = loss + motion.membership * membership_loss(share[..., 0], labels, moving)
         value = loss.item()
         if not math.isfinite(value):
             raise NotFinite("the loss")
@@ -323,9 +332,17 @@ class Run:
 
     def _render(self, state: TrainingState, view: View) -> Rendered:
         try:
-            return render(state.model, view.t if state.stage == "fine" else None, view.camera, self.background)
+            t = view.t if state.stage == "fine" else None
+            return render(state.model, t, view.camera, self.background, anchor_features=self._membership(state.model))
         except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
             raise NotFinite(f"what it draws ({error})") from None
+
+    def _membership(self, model: AdaAnchor4D) -> Tensor | None:
+        """[N, 1] what is drawn to compare riders with the movers' masks: 1 for an anchor that rides."""
+        motion, group = self.config.motion, model.anchors.group
+        if motion is None or motion.membership == 0 or group is None:
+            return None
+        return (group >= 0).float()[:, None]
 
     def _view_index(self, stage: str, iteration: int) -> int:
         """Every view once an epoch, in an order drawn from (seed, stage, epoch)."""
@@ -403,7 +420,7 @@ class Run:
         save_model(
             path,
             state.model,
-            stage=state.stage,
+            stage="fine" if state.stage == "fine" else "coarse",
             capture=self.capture if poses is None else refined(self.capture, self.frame, poses.values()),
             frame=self.frame,
             background=(background[0], background[1], background[2]),
