@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,9 @@ def run_demo(
             stage.run()
     metrics = read_json_object(out / "metrics.json", "the metrics of an evaluation")
     summary = summarise(metrics, record.seconds)
+    if config.motion is not None:
+        of_paper = read_json_object(out / "paper" / "metrics.json", "the metrics of an evaluation")
+        summary["paper"] = {key: of_paper[key] for key in ("psnr", "psnr_dynamic", "ssim", "fps")}
     if not (out / "summary.json").exists() or read_json_object(out / "summary.json", "the summary") != summary:
         write_json(out / "summary.json", summary)
     console.print(
@@ -92,7 +95,7 @@ def stages(
     step_progress: MakeStepProgress,
     console: Console,
 ) -> list[Stage]:
-    capture, run = out / "capture", out / "run"
+    capture, run, paper = out / "capture", out / "run", out / "paper"
     model, metrics = out / "model.safetensors", out / "metrics.json"
     extension, blend, picture = out / "adaanchor4d.zip", out / "flyover.blend", out / "flyover.png"
     addon = (*sorted(script("addon").rglob("*.py")), script("blender_manifest.toml"))
@@ -104,9 +107,14 @@ def stages(
         with training_progress() as progress:
             copy_model(train(read_capture(capture), run, config, progress, say=console.print), model)
 
+    def fit_paper() -> None:
+        with training_progress() as progress:
+            train(read_capture(capture), paper, replace(config, motion=None), progress, say=console.print)
+
     def score() -> None:
-        with step_progress("held-out frames") as progress:
-            evaluate(run, capture, progress)
+        for folder in (run, paper) if compares else (run,):
+            with step_progress("held-out frames") as progress:
+                evaluate(folder, capture, progress)
         shutil.copyfile(run / "metrics.json", metrics)
 
     def package() -> None:
@@ -128,12 +136,25 @@ def stages(
 
     def report() -> None:
         measured = json.loads(metrics.read_text(encoding="utf-8"))
-        write_report(out / "report.html", read_capture(capture), run / "eval", measured, record.seconds, picture)
+        write_report(
+            out / "report.html",
+            read_capture(capture),
+            run,
+            measured,
+            record.seconds,
+            picture,
+            paper=paper if compares else None,
+        )
 
+    compares = config.motion is not None
+    index, paper_model = capture / "capture.json", paper / "model.safetensors"
+    comparison = Stage("paper", "the paper's model, for comparison", (index,), (paper_model,), fit_paper)
+    models = (model, paper_model) if compares else (model,)
     return [
-        Stage("synthesis", f"Blender renders {scene}", (scene,), (capture / "capture.json",), synthesise),
-        Stage("training", "coarse, then fine stage", (capture / "capture.json",), (model,), fit),
-        Stage("evaluation", "held-out frames against truth", (model,), (metrics,), score),
+        Stage("synthesis", f"Blender renders {scene}", (scene,), (index,), synthesise),
+        Stage("training", "coarse, then fine stage", (index,), (model,), fit),
+        *([comparison] if compares else []),
+        Stage("evaluation", "held-out frames against truth", models, (metrics,), score),
         Stage("extension", "packaging the Blender extension", addon, (extension,), package),
         Stage("blend", "Blender imports the model and renders a frame", (model, extension), (blend, picture), show),
         Stage("report", "pictures and tables", (metrics, picture), (out / "report.html",), report),

@@ -17,7 +17,7 @@ from PIL import Image
 from aa4d.capture.reader import Capture, moving_mask, read_image
 from aa4d.errors import InputError
 from aa4d.evaluation.plots import psnr_figure
-from aa4d.files import write_text
+from aa4d.files import read_json_object, write_text
 
 PICTURED_FRAMES = 3
 ERROR_GAIN = 4  # an error of a quarter of the range is the top of the colour scale
@@ -26,12 +26,17 @@ ERROR_GAIN = 4  # an error of a quarter of the range is the top of the colour sc
 def write_report(
     path: Path,
     capture: Capture,
-    renders: Path,
+    run: Path,
     metrics: dict[str, Any],
     seconds: dict[str, float],
     blender_picture: Path,
+    *,
+    paper: Path | None = None,
 ) -> None:
-    """Write `path` from the renders of `aa4d eval` (NAME.png and NAME_static.png in `renders`).
+    """Write `path` from what `aa4d eval` left in a run's folder (eval/NAME.png and eval/NAME_static.png).
+
+    Args:
+        paper: the evaluated run of the paper's model to compare with; None: with the run's own static stage.
 
     Raises:
         InputError: a render is missing, or the metrics are those of an older aa4d.
@@ -43,8 +48,9 @@ def write_report(
     )
     html = environment.get_template("report.html.jinja").render(
         name=capture.name,
-        frames=[_row(capture, renders, score) for score in spread(metrics["frames"], PICTURED_FRAMES)],
+        frames=[_row(capture, run, paper, score) for score in spread(metrics["frames"], PICTURED_FRAMES)],
         metrics=metrics,
+        paper=None if paper is None else read_json_object(paper / "metrics.json", "the metrics of an evaluation"),
         seconds=seconds,
         total=sum(seconds.values()),
         plot=_svg(psnr_figure(metrics)),
@@ -62,19 +68,21 @@ def spread(frames: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
     return [moving[i] for i in sorted(set(positions.tolist()))]
 
 
-def _row(capture: Capture, renders: Path, score: dict[str, Any]) -> dict[str, Any]:
+def _row(capture: Capture, run: Path, paper: Path | None, score: dict[str, Any]) -> dict[str, Any]:
     index = next(i for i, frame in enumerate(capture.frames) if frame.name == score["frame"])
     truth = read_image(capture, capture.frames[index])
     try:
-        render = np.asarray(Image.open(renders / f"{score['frame']}.png"))
+        render = np.asarray(Image.open(run / f"eval/{score['frame']}.png"))
+        of_paper = None if paper is None else np.asarray(Image.open(paper / f"eval/{score['frame']}.png"))
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read; delete metrics.json and run again") from None
-    static_path = renders / f"{score['frame']}_static.png"
+    static_path = run / f"eval/{score['frame']}_static.png"
     mask = moving_mask(capture, index)
     return {
         "score": score,
         "truth": _data_uri(truth),
         "render": _data_uri(render),
+        "paper": None if of_paper is None else _data_uri(of_paper),
         "static": _data_uri(np.asarray(Image.open(static_path))) if static_path.exists() else None,
         "error": _data_uri(_error_picture(truth, render)),
         "moving": None if mask is None else _data_uri(np.where(mask[..., None], truth, truth // 4)),

@@ -124,14 +124,20 @@ def test_report_holds_its_pictures_and_figures(toy_capture: Path, tmp_path: Path
     Image.new("RGB", (8, 8)).save(tmp_path / "blender.png")
     named = replace(capture, name="<script>alert(1)</script>")
     report = tmp_path / "report.html"
-    write_report(report, named, tmp_path / "run/eval", metrics, {"training": 1.5}, tmp_path / "blender.png")
+    write_report(report, named, tmp_path / "run", metrics, {"training": 1.5}, tmp_path / "blender.png")
     html = report.read_text()
+    assert "the paper's model" not in html
     sources = re.findall(r'src="([^"]*)', html)
     assert len(sources) >= 5 * 2 + 1
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert not re.findall(r'(?:href|src)="https?:', html)
     assert "<script>" not in html
     assert f"{metrics['psnr']:.2f} dB" in html
+    compared = tmp_path / "compared.html"
+    seconds = {"training": 1.5}
+    write_report(compared, named, tmp_path / "run", metrics, seconds, tmp_path / "blender.png", paper=tmp_path / "run")
+    assert "the paper&#39;s model" in compared.read_text() or "the paper's model" in compared.read_text()
+    assert compared.read_text().count("data:image/png") > len(sources)
     summary = summarise(metrics, {"training": 1.54})
     wanted = {"psnr", "psnr_dynamic", "ssim", "fps", "anchors", "gaussians", "neural_mib", "seconds"}
     assert wanted <= summary.keys()

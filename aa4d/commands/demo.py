@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,6 @@ def demo(
 ) -> None:
     """The main job: render a scene, train, evaluate, show the result in Blender. Continues where it stopped."""
     from aa4d.demo import run_demo
-    from aa4d.training.config import PRESETS
+    from aa4d.training.config import PRESETS, MotionSettings
 
-    run_demo(scene, out, PRESETS["quick"], console, training_progress, step_progress)
+    run_demo(scene, out, replace(PRESETS["quick"], motion=MotionSettings()), console, training_progress, step_progress)
