@@ -13,7 +13,8 @@ from aa4d.motion.points import Points
 
 FEWEST_POINTS = 4  # at once, of a body that is judged at all
 WAY_PX = 4.0  # the least that a mover travels over the ground
-AGAINST_PX = 2.5  # the least that it parts from what the static scene would show
+MISFIT_PX = 1.8  # the least by which its points miss what stands still
+DIFFERING = 0.25  # of its points, over all frames: on what the static scene does not show
 STRAIGHT = 0.5  # of its path that gets it anywhere: what sways does not
 BRIEF_FRAMES = 4  # seen for fewer frames than this, a mover must show more
 BRIEF_POINTS = 10
@@ -22,8 +23,11 @@ LONGEST_GAP = 8  # clip frames over which a body is looked for again, unless it 
 STANDING_PX = 0.25  # a frame
 OFF_PX = (5.0, 1.0)  # that a prediction may miss by: at once, and more for each frame
 SPEEDS_PX = 1.2  # a frame, of velocities before and after a gap
+BESIDE_PX = 6.0  # in the picture: a smaller body there is the rim of the larger, where flow slips
+BESIDE = 0.5  # of the frames in which the smaller one moves
 TOUCHING_PX = 4.0  # between two parts of one mover, in the picture
 PARTING_PX = 3.5  # between those, over all their common frames
+PARTING = 0.04  # and more, of the way: flow slips, and bodies turn
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,7 +41,8 @@ class Body:
     number: Ints  # [V] points alive
     place: Array  # [V, 2] mean of the points; NaN where there is none
     velocity: Array  # [V - 1, 2] a clip frame, between successive training frames; NaN where unknown
-    against: float  # what its points part from the static scene by, median
+    misfit: float  # of its points, median
+    differing: float  # share of its points on what the static scene does not show
 
     @property
     def first(self) -> int:
@@ -61,8 +66,8 @@ def body_of(points: Points, members: Ints, gaps: Ints) -> Body:
         known = np.isfinite(steps[:, s, 0])
         if known.any():
             velocity[s] = np.median(steps[known, s], axis=0)
-    against = np.nanmax(np.where(np.isfinite(points.against[members]), points.against[members], 0), axis=1)
-    return Body(members, number, place, velocity, float(np.median(against)))
+    differing = float(points.differs[members].sum() / max(alive.sum(), 1))
+    return Body(members, number, place, velocity, float(np.median(points.misfit[members])), differing)
 
 
 def trimmed(body: Body, fewest: int) -> Body:
@@ -75,7 +80,7 @@ def trimmed(body: Body, fewest: int) -> Body:
     number = np.where(inside, body.number, 0)
     place = np.where((number > 0)[:, None], body.place, np.nan)
     both = (number[1:] > 0) & (number[:-1] > 0)
-    return Body(body.members, number, place, np.where(both[:, None], body.velocity, np.nan), body.against)
+    return Body(body.members, number, place, np.where(both[:, None], body.velocity, np.nan), body.misfit, body.differing)
 
 
 def way(body: Body, gaps: Ints) -> tuple[float, float]:
@@ -98,7 +103,7 @@ def is_mover(body: Body, gaps: Ints) -> bool:
         speeds = np.linalg.norm(body.velocity[np.isfinite(body.velocity[:, 0])], axis=1)
         if not len(speeds) or speeds.min() < BRIEF_STEP_PX or body.number.max() < BRIEF_POINTS:
             return False
-    return net >= WAY_PX and body.against >= AGAINST_PX and net >= STRAIGHT * path
+    return net >= WAY_PX and body.misfit >= MISFIT_PX and body.differing >= DIFFERING and net >= STRAIGHT * path
 
 
 def linked(bodies: list[Body], points: Points, ranks: Ints) -> list[Body]:
@@ -158,28 +163,18 @@ def _end_velocity(body: Body, side: int) -> Array:
 
 def merged(bodies: list[Body], points: Points, gaps: Ints) -> list[Body]:
     """Bodies that keep together over all their common frames, joined: parts of one vehicle, or it and its shadow."""
-    bodies = list(bodies)
-    refused: set[tuple[int, int]] = set()
-    while True:
-        found = None
-        for i in range(len(bodies)):
-            for j in range(i + 1, len(bodies)):
-                key = (id(bodies[i]), id(bodies[j]))
-                if key in refused:
-                    continue
-                if _keep_together(bodies[i], bodies[j], points, gaps):
-                    found = (i, j)
-                    break
-                refused.add(key)
-            if found:
+    waiting = sorted(bodies, key=lambda b: b.number.sum())
+    done: list[Body] = []
+    while waiting:
+        body = waiting.pop()  # the largest first: it tells best whether another belongs to it
+        for k, other in enumerate(done):
+            if _keep_together(other, body, points, gaps):
+                done.pop(k)
+                waiting.append(body_of(points, np.concatenate([other.members, body.members]), gaps))
                 break
-        if not found:
-            return bodies
-        i, j = found
-        joined = body_of(points, np.concatenate([bodies[i].members, bodies[j].members]), gaps)
-        # The old ones stay referenced until here, so that no new one takes their identity.
-        bodies = [b for k, b in enumerate(bodies) if k not in (i, j)] + [joined]
-        refused = {key for key in refused if key[0] in {id(b) for b in bodies} and key[1] in {id(b) for b in bodies}}
+        else:
+            done.append(body)
+    return done
 
 
 def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
@@ -190,7 +185,7 @@ def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
         return False
     both = np.isfinite(a.velocity[:, 0]) & np.isfinite(b.velocity[:, 0])
     apart = np.cumsum(((a.velocity - b.velocity) * gaps[:, None])[both], axis=0)
-    if len(apart) and float(np.linalg.norm(np.ptp(apart, axis=0))) > PARTING_PX:
+    if len(apart) and float(np.linalg.norm(np.ptp(apart, axis=0))) > PARTING_PX + PARTING * way(b, gaps)[0]:
         return False
     distances = []
     for v in common[:: max(len(common) // 6, 1)]:
@@ -200,3 +195,28 @@ def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
         if len(pa) and len(pb):
             distances.append(float(cKDTree(pa).query(pb)[0].min()))
     return bool(distances) and float(np.median(distances)) < TOUCHING_PX
+
+
+def without_rims(bodies: list[Body], points: Points) -> list[Body]:
+    """Bodies less those that move only beside a larger one: where flow slips between a mover and what is behind it."""
+    kept: list[Body] = []
+    for body in sorted(bodies, key=lambda b: -int(b.number.sum())):
+        moving = np.flatnonzero(np.linalg.norm(np.nan_to_num(body.velocity), axis=1) > STANDING_PX)
+        moving = moving[:: max(len(moving) // 12, 1)]
+        beside = 0
+        for v in moving:
+            mine = points.pixels[body.members, v]
+            mine = mine[np.isfinite(mine[:, 0])]
+            near = 0.0
+            for other in kept:
+                if other.number[v] > len(mine):
+                    theirs = points.pixels[other.members, v]
+                    theirs = theirs[np.isfinite(theirs[:, 0])]
+                    if (np.abs(theirs.mean(0) - mine.mean(0)) > 80).any():
+                        continue
+                    reach = cKDTree(theirs).query(mine, distance_upper_bound=BESIDE_PX)[0]
+                    near = max(near, float((reach < BESIDE_PX).mean()))
+            beside += near > 0.5
+        if len(moving) and beside < BESIDE * len(moving):
+            kept.append(body)
+    return kept

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from aa4d.motion.bodies import Body, body_of, is_mover, linked, merged, trimmed
+from aa4d.motion.bodies import DIFFERING, MISFIT_PX, Body, body_of, is_mover, linked, merged, trimmed, without_rims
 from aa4d.motion.clusters import clusters
 from aa4d.motion.fit import Priors, Sightings, fit_track
 from aa4d.motion.flow import measure
@@ -33,6 +33,7 @@ SEGMENT_S = 0.5
 HEIGHT = 0.4  # of a mover, over the root of the area that it covers on the ground as the camera sees it
 LABEL_PX = 3.0  # from a followed point to a pixel that differs: both show the same mover
 POINT_PX = 1.5  # what a point stands for by itself
+BESIDE_PX = 6  # of what differs: what moves there may belong to it
 AROUND_PX = 2  # what `moving` adds around a label
 SHADOW_PX = 6  # how far from a label what differs may be its shadow
 EDGE_PX = 2.5  # a label so near to the picture's edge is cut by it
@@ -60,16 +61,20 @@ def find_tracks(
         return no_tracks(observed)
     progress("optical flow")
     flow = measure(observed)
-    moves = moving_pixels(observed, flow, ground, np.ones_like(differs))
+    moves = moving_pixels(observed, flow, ground, widened(differs, BESIDE_PX))
     progress("following points")
-    points = follow(observed, flow, ground, differs | moves)
-    gaps = np.diff(observed.rank)
+    points = follow(observed, flow, ground, differs | moves, differs)
     bodies = find_bodies(points, observed.rank, settings)
     progress("tracks")
     labels = labelled(observed, bodies, points, differs | moves)
     keep = [g for g in range(len(bodies)) if (labels == g + 1).any(axis=(1, 2)).sum() >= settings.fewest_frames]
-    del gaps
     return assembled(observed, ground, [bodies[g] for g in keep], _renumbered(labels, keep), differs, moves)
+
+
+def widened(masks: Mask, pixels: int) -> Mask:
+    """[V, H, W]: with all that lies within so many pixels."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * pixels + 1,) * 2)
+    return np.stack([cv2.dilate(mask.astype(np.uint8), kernel) > 0 for mask in masks])
 
 
 def no_tracks(observed: Observations) -> Tracks:
@@ -97,10 +102,10 @@ def find_bodies(points: Points, ranks: NDArray[np.int64], settings: FinderSettin
             body = trimmed(body_of(points, members, gaps), 2)
             if body.number.max() >= settings.fewest_points and (body.number > 0).sum() > 1:
                 candidates.append(body)
-    # Fragments are judged after they were joined; those that hardly moved by themselves do not lead a chain astray.
-    parts = [b for b in candidates if b.against > 1.5]
+    # Fragments are judged after they were joined; what stands by itself does not lead a chain astray.
+    parts = [b for b in candidates if b.misfit > 0.6 * MISFIT_PX and b.differing > 0.5 * DIFFERING]
     joined = merged(linked(parts, points, ranks), points, gaps)
-    return [b for b in joined if is_mover(b, gaps)]
+    return without_rims([b for b in joined if is_mover(b, gaps)], points)
 
 
 def labelled(observed: Observations, bodies: list[Body], points: Points, candidates: Mask) -> NDArray[np.uint16]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ class Observations:
     def __len__(self) -> int:
         return len(self.images)
 
-    @property
+    @cached_property
     def pixel(self) -> float:
         """World units that a pixel covers at the scene's median depth; 0 where no depth is known."""
         seen = self.static_depth_m[self.static_depth_m > 0]

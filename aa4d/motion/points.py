@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from aa4d.motion.flow import CONSISTENT_PX, Flow, sample, static_flow
 from aa4d.motion.ground import Ground
 from aa4d.motion.observations import Observations
+from aa4d.motion.standing import misfit
 
 SPACING_PX = 2
 MOVING_PX = 0.7  # a frame, against the static scene: that a pixel moves
@@ -29,7 +30,8 @@ class Points:
 
     pixels: Floats  # [N, V, 2] centres at + 0.5
     places: Floats  # [N, V, 2] on the ground, in pixels of the median depth, along the ground's axes
-    against: Floats  # [N, V] pixels between the point and where it would be, had it stood still since it was first seen
+    differs: Mask  # [N, V] it is where the frame differs from the static scene
+    misfit: Array  # [N] pixels by which it misses the best point that stands still (aa4d/motion/standing.py)
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -39,7 +41,7 @@ class Points:
         return np.isfinite(self.pixels[..., 0])
 
     def of(self, which: NDArray[np.generic]) -> Points:
-        return Points(self.pixels[which], self.places[which], self.against[which])
+        return Points(self.pixels[which], self.places[which], self.differs[which], self.misfit[which])
 
 
 def moving_pixels(observed: Observations, flow: Flow, ground: Ground, allowed: Mask) -> Mask:
@@ -80,10 +82,9 @@ def standing(observed: Observations, ground: Ground, a: int, b: int, pixels: Arr
     return [surface, static_flow(observed, a, b, pixels, depth)]
 
 
-def follow(observed: Observations, flow: Flow, ground: Ground, reason: Mask) -> Points:
+def follow(observed: Observations, flow: Flow, ground: Ground, reason: Mask, differs: Mask) -> Points:
     """Points that start where `reason` [V, H, W] holds and no other point is, followed both ways in time."""
     views, height, width = observed.images.shape[:3]
-    parts: list[Floats] = []
     births: list[NDArray[np.int64]] = []
     active = np.zeros((0,), int)
     pixels = np.full((0, views, 2), np.nan, np.float32)
@@ -123,12 +124,11 @@ def follow(observed: Observations, flow: Flow, ground: Ground, reason: Mask) -> 
         idle = np.concatenate([idle, np.zeros(len(rows), int)])
         moved = np.concatenate([moved, np.zeros(len(rows), bool)])
         births.append(np.full(len(rows), v))
-    del parts
     born = np.concatenate(births) if births else np.zeros(0, int)
     keep = np.flatnonzero(moved & (np.isfinite(pixels[..., 0]).sum(1) > 1))
     pixels, born = pixels[keep], born[keep]
     _backwards(pixels, born, flow, height, width)
-    return _placed(observed, ground, pixels)
+    return _placed(observed, ground, pixels, differs)
 
 
 def _backwards(pixels: Floats, born: NDArray[np.int64], flow: Flow, height: int, width: int) -> None:
@@ -144,29 +144,14 @@ def _backwards(pixels: Floats, born: NDArray[np.int64], flow: Flow, height: int,
         active = active[good]
 
 
-def _placed(observed: Observations, ground: Ground, pixels: Floats) -> Points:
+def _placed(observed: Observations, ground: Ground, pixels: Floats, differs: Mask) -> Points:
     places = np.full(pixels.shape, np.nan, np.float32)
-    surface = np.full((len(pixels), 3), np.nan)
-    land = np.full((len(pixels), 3), np.nan)
-    against = np.full(pixels.shape[:2], np.nan, np.float32)
-    height, width = observed.static_depth_m.shape[1:]
+    on = np.zeros(pixels.shape[:2], bool)
     for v in range(pixels.shape[1]):
         here = np.flatnonzero(np.isfinite(pixels[:, v, 0]))
         at = pixels[here, v].astype(np.float64)
         points = ground.lift(at, observed.viewmat[v], observed.K)
         places[here, v] = (points - ground.origin) @ ground.axes.T / observed.pixel
-        new = np.isnan(land[here, 0])
-        column, row = np.floor(at[new]).astype(int).T
-        depth = observed.static_depth_m[v][np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
-        K, view = observed.K, observed.viewmat[v]
-        local = np.stack([(at[new] - K[[0, 1], [2, 2]]) / K[[0, 1], [0, 1]]], 0)[0]
-        local = np.concatenate([local, np.ones((len(local), 1))], 1) * np.where(depth > 0, depth, np.nan)[:, None]
-        surface[here[new]] = (local - view[:3, 3]) @ view[:3, :3]
-        land[here[new]] = points[new]
-        away = []
-        for still in (surface, land):
-            local = still[here] @ view[:3, :3].T + view[:3, 3]
-            seen = local[:, :2] / np.where(local[:, 2:] > 0, local[:, 2:], np.nan) * K[[0, 1], [0, 1]] + K[[0, 1], [2, 2]]
-            away.append(np.nan_to_num(np.linalg.norm(seen - at, axis=1), nan=np.inf))
-        against[here, v] = np.minimum(*away)
-    return Points(pixels, places, against)
+        column, row = np.floor(at).astype(int).T
+        on[here, v] = differs[v][row, column]
+    return Points(pixels, places, on, misfit(observed, ground, pixels))
