@@ -162,7 +162,7 @@ def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
         return _movers(capture, index)
     instance_id = instance_ids(capture, index)
     tracks = capture.folder / capture.tracks
-    ids, moving = _array(tracks, "instance_id"), _array(tracks, "moving")
+    ids, moving = read_array(tracks, "instance_id"), read_array(tracks, "moving")
     if moving.shape != (len(capture.frames), len(ids)):
         raise InputError(f"{tracks}: moving has shape {moving.shape}, expected {(len(capture.frames), len(ids))}")
     return np.isin(instance_id, ids[moving[index]])
@@ -184,9 +184,9 @@ def object_tracks(capture: Capture) -> ObjectTracks | None:
     if capture.tracks is None:
         return None
     path = capture.folder / capture.tracks
-    ids, poses, moving = (_array(path, name) for name in ("instance_id", "object_to_world", "moving"))
+    ids, poses, moving = (read_array(path, name) for name in ("instance_id", "object_to_world", "moving"))
     shape = (len(capture.frames), len(ids))
-    present = _array(path, "present") if "present" in _names(path) else np.ones(shape, bool)
+    present = read_array(path, "present") if "present" in _names(path) else np.ones(shape, bool)
     for name, value, expected in (
         ("object_to_world", poses, (*shape, 4, 4)),
         ("moving", moving, shape),
@@ -204,7 +204,7 @@ def instance_ids(capture: Capture, index: int) -> NDArray[np.uint32]:
     """instance_id of a frame that has truth, [H, W]. Raises InputError for a damaged or missing file."""
     truth = capture.frames[index].truth
     path = capture.folder / (truth or "truth")
-    ids = _array(path, "instance_id")
+    ids = read_array(path, "instance_id")
     expected = (capture.camera.height, capture.camera.width)
     if ids.shape != expected:
         raise InputError(f"{path}: instance_id has shape {ids.shape}, expected {expected}")
@@ -231,14 +231,15 @@ def depth_of(capture: Capture, index: int) -> NDArray[np.float32] | None:
     truth = capture.frames[index].truth
     if truth is None:
         return None
-    depth = _array(capture.folder / truth, "depth_z")
+    depth = read_array(capture.folder / truth, "depth_z")
     expected = (capture.camera.height, capture.camera.width)
     if depth.shape != expected:
         raise InputError(f"{capture.folder / truth}: depth_z has shape {depth.shape}, expected {expected}")
     return depth
 
 
-def _array(path: Path, name: str) -> NDArray[Any]:
+def read_array(path: Path, name: str) -> NDArray[Any]:
+    """An array of a file of truth. Raises InputError where it is missing or damaged."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return np.asarray(file[name])
