@@ -134,7 +134,7 @@ def test_a_range_without_any_box_is_told(tmp_path: Path) -> None:
         (50, [f"{tmp_path / 'gt.txt'} has boxes for 0 of the 2 frames used: in the others no mover is masked"]),
         (2, []),
     ):
-        boxes = Annotations(tmp_path / "gt.txt", "UAVDT", {number: np.array([[100.0, 100, 40, 20]])})
+        boxes = Annotations(tmp_path / "gt.txt", "UAVDT", {number: np.array([[100.0, 100, 40, 20]])}, {}, {})
         (tmp_path / str(number)).mkdir()
         assert write_masks(clip, boxes, tmp_path / str(number), lambda *_: None).notes == notes
 
