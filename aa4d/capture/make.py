@@ -27,6 +27,7 @@ from aa4d.capture.selection import make_clip, some
 from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import CaptureSettings
 from aa4d.capture.sources import Source, open_source
+from aa4d.capture.spacing import Pace, choose_spacing, spacing_advice
 from aa4d.capture.undistortion import Undistortion, pinhole_boxes, pinhole_of, pinhole_pixels, viewmat_of
 from aa4d.capture.workspace import DiskFullError, Progress, Workspace
 from aa4d.capture.writing import Cloud, Shot, digests_of, publish, write_capture
@@ -129,15 +130,26 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     stamps = [(str(f), f.stat().st_size, f.stat().st_mtime_ns) for f in source.files]
     boxes = None if source.annotations is None else source.annotations.file.read_text(encoding="utf-8")
 
+    follows = source.annotations is not None and source.annotations.follows  # movers are known again without a finder
+    selection, pace, spaced = settings.selection, None, list[str]()
+    if settings.movers == "auto" and not follows:
+        chosen = workspace.step(
+            "spacing",
+            [stamps, selection.start_s, selection.end_s, selection.folder_fps, selection.is_open],
+            lambda _, progress: choose_spacing(source, selection, progress),
+        ).result
+        pace = Pace(**chosen["pace"]) if chosen["pace"] else None
+        selection, spaced = dataclasses.replace(selection, end_s=chosen["end_s"]), chosen["notes"]
+
     def frames_step(folder: Path, progress: Progress) -> dict[str, Any]:
         for leftover in folder.glob("*.*g"):
             leftover.unlink()
-        made = make_clip(source.pictures, source.times_s(), settings.selection, source.notes, folder, progress)
+        made = make_clip(source.pictures, source.times_s(), selection, source.notes, folder, progress)
         return made.as_json()
 
-    frames = workspace.step("frames", [stamps, dataclasses.asdict(settings.selection)], frames_step)
+    frames = workspace.step("frames", [stamps, dataclasses.asdict(selection)], frames_step)
     clip = Clip.from_json(frames.folder, frames.result)
-    notes = list(clip.notes)
+    notes = [*clip.notes, *spaced]
     posed = source.posed
     given = None if posed is None else posed.of_clip(clip)
 
@@ -257,6 +269,8 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     checked = workspace.step("capture", [generator, settings.altitude_m, *has_boxes], assemble_step).result
     fov_deg = 2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0])))
     said = [] if posed or focal_px else field_of_view_advice(geometry["geometry"], fov_deg, result["focal_was_kept"])
+    if pace is not None:
+        said += spacing_advice(pace, [shot.time_s for shot in shots], selection.most_frames)
     said += advice(
         len(shots) / len(clip.frames),
         checked["reprojection_px"]["median"] / shrunk,
