@@ -163,9 +163,9 @@ def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
     truth = capture.frames[index].truth
     if truth is None or capture.tracks is None:
         return _movers(capture, index)
-    instance_id = _array(capture.folder / truth, "instance_id")
+    instance_id = read_array(capture.folder / truth, "instance_id")
     tracks = capture.folder / capture.tracks
-    ids, moving = _array(tracks, "instance_id"), _array(tracks, "moving")
+    ids, moving = read_array(tracks, "instance_id"), read_array(tracks, "moving")
     expected = (capture.camera.height, capture.camera.width)
     if instance_id.shape != expected:
         raise InputError(f"{capture.folder / truth}: instance_id has shape {instance_id.shape}, expected {expected}")
@@ -198,7 +198,7 @@ def boxes_of(capture: Capture) -> Boxes | None:
     path = capture.folder / BOXES
     if not path.is_file():
         return None
-    frame, target, box, category = (_array(path, name) for name in ("frame", "target", "box_px", "category"))
+    frame, target, box, category = (read_array(path, name) for name in ("frame", "target", "box_px", "category"))
     count = len(frame) if frame.ndim else 0
     for name, array, shape, kinds in (
         ("frame", frame, (count,), "iu"),
@@ -230,14 +230,15 @@ def depth_of(capture: Capture, index: int) -> NDArray[np.float32] | None:
     truth = capture.frames[index].truth
     if truth is None:
         return None
-    depth = _array(capture.folder / truth, "depth_z")
+    depth = read_array(capture.folder / truth, "depth_z")
     expected = (capture.camera.height, capture.camera.width)
     if depth.shape != expected:
         raise InputError(f"{capture.folder / truth}: depth_z has shape {depth.shape}, expected {expected}")
     return depth
 
 
-def _array(path: Path, name: str) -> NDArray[Any]:
+def read_array(path: Path, name: str) -> NDArray[Any]:
+    """An array of a file of truth. Raises InputError where it is missing or damaged."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return np.asarray(file[name])
