@@ -16,7 +16,7 @@ from aa4d.capture.reader import Boxes
 from aa4d.motion.fit import Priors, Sightings, fit_track
 from aa4d.motion.ground import Ground, find_ground, project
 from aa4d.motion.observations import Observations
-from aa4d.motion.spline import controls_for, design
+from aa4d.motion.spline import controls_for
 from aa4d.motion.tracks import ALWAYS, Tracks
 
 Array = NDArray[np.float64]
@@ -27,8 +27,11 @@ HEIGHT_SHARE = 0.35  # of a vehicle's length: cars 0.33, buses 0.27, vans 0.4
 BOX_SD_PX = 1.0  # jitter of a box's middle
 ACCELERATION = 0.7  # lengths per second squared: 3 m/s2 of a car
 LEAST_SPEED_PX = 0.3  # a frame: slower, jitter decides about the direction of motion
-STANDING_PX = 3.0  # a way on the ground that jitter, or the drift of poses, makes of nothing
-STANDING_JITTER = 2.0  # the same in standard deviations of the box's middle about the trajectory
+STANDING_PX = 3.0  # from where one point in space would be seen: jitter, the drift of poses, other sides of the object
+STANDING_SHARE = 95  # per cent of the boxes lie nearer than that, where an object stands
+CUT_SHARE = 0.5  # of a box's size, by which what the picture's edge leaves of it may be off
+HUBER_PX = 1.5
+ROUNDS = 8  # of reweighting
 DIFFERENCE = 0.06  # from the static scene, of a pixel that shows the mover
 FEW_DIFFERENT = 0.25  # of a box's pixels: below, the mover looks like the road and the box decides
 CORE_SHARE = 0.15  # of a box, on every side, that then is left out
@@ -115,6 +118,10 @@ def _trajectory(observed: Observations, ground: Ground, seen: Seen, controls: in
         return None
     rows = np.flatnonzero(known)
     px = float(np.median(pixel[rows]))
+    start = np.median(position[rows], axis=0) + 0.5 * HEIGHT_SHARE * length * ground.up
+    off_px = _from_one_place(observed, seen, known, start, px, length) - np.where(seen.is_cut, CUT_SHARE * size_px, 0)
+    if np.percentile(off_px, STANDING_SHARE) < STANDING_PX:
+        return None
     sightings = Sightings(
         t=observed.t[seen.view[rows]],
         position=position[rows],
@@ -124,11 +131,32 @@ def _trajectory(observed: Observations, ground: Ground, seen: Seen, controls: in
         heading=np.full(len(rows), np.nan),
     )
     priors = Priors(ACCELERATION * length / observed.fps**2, LEAST_SPEED_PX * px)
-    control = fit_track(sightings, controls, observed.frames, ground.up, priors)
-    path = design(sightings.t, controls) @ control[:, :3]
-    jitter = float(np.median(np.linalg.norm(position[rows] - path, axis=1)))
-    way = float(np.linalg.norm(path[:, None] - path[None], axis=2).max())
-    return control if way > max(STANDING_PX * px, STANDING_JITTER * jitter) else None
+    return fit_track(sightings, controls, observed.frames, ground.up, priors)
+
+
+def _from_one_place(
+    observed: Observations, seen: Seen, known: NDArray[np.bool_], start: Array, pixel: float, length: float
+) -> Array:
+    """[S]: pixels from the boxes' middles to where the one point in space is seen that explains the `known` ones best.
+
+    The height of an object is not known: on the ground, a parked one would seem to creep as the camera flies by. The
+    point is near `start` [3], by about a length (world units); a pixel covers `pixel` of those.
+    """
+    middle = 0.5 * (seen.box[:, :2] + seen.box[:, 2:])
+    viewmat = observed.viewmat[seen.view]
+    local = np.concatenate([middle, np.ones((len(middle), 1))], axis=1) @ np.linalg.inv(observed.K).T
+    rays = np.einsum("sji,sj->si", viewmat[:, :3, :3], local / np.linalg.norm(local, axis=1, keepdims=True))
+    centers = -np.einsum("sji,sj->si", viewmat[:, :3, :3], viewmat[:, :3, 3])
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # [S, 3, 3] what of a point lies beside a ray
+    weights, prior = known.astype(np.float64), (pixel / length) ** 2
+    off = np.zeros(len(middle))
+    for _ in range(ROUNDS):
+        normal = np.einsum("s,sij->ij", weights, across) + prior * np.eye(3)
+        point = np.linalg.solve(normal, np.einsum("s,sij,sj->i", weights, across, centers) + prior * start)
+        seen_at = np.concatenate([project(point[None], view, observed.K)[0] for view in viewmat])
+        off = np.nan_to_num(np.linalg.norm(seen_at - middle, axis=1), nan=np.inf)
+        weights = known * HUBER_PX / np.maximum(off, HUBER_PX)
+    return off
 
 
 def _on_ground(observed: Observations, ground: Ground, seen: Seen, height: float) -> tuple[Array, Array]:
