@@ -29,7 +29,7 @@ ACCELERATION = 0.7  # lengths per second squared: 3 m/s2 of a car
 LEAST_SPEED_PX = 0.3  # a frame: slower, jitter decides about the direction of motion
 STANDING_PX = 3.0  # from where one point in space would be seen: jitter, the drift of poses, other sides of the object
 STANDING_SHARE = 95  # per cent of the boxes lie nearer than that, where an object stands
-CUT_SHARE = 0.5  # of a box's size, by which what the picture's edge leaves of it may be off
+CUT_SHARE = 0.5  # of an object's size, by which what the picture's edge leaves of it may be off
 HUBER_PX = 1.5
 ROUNDS = 8  # of reweighting
 DIFFERENCE = 0.06  # from the static scene, of a pixel that shows the mover
@@ -119,7 +119,9 @@ def _trajectory(observed: Observations, ground: Ground, seen: Seen, controls: in
     rows = np.flatnonzero(known)
     px = float(np.median(pixel[rows]))
     start = np.median(position[rows], axis=0) + 0.5 * HEIGHT_SHARE * length * ground.up
-    off_px = _from_one_place(observed, seen, known, start, px, length) - np.where(seen.is_cut, CUT_SHARE * size_px, 0)
+    off_px = _from_one_place(observed, seen, known, start, px, length) - np.where(
+        seen.is_cut, CUT_SHARE * length / px, 0
+    )
     if np.percentile(off_px, STANDING_SHARE) < STANDING_PX:
         return None
     sightings = Sightings(
