@@ -1,0 +1,202 @@
+"""Bodies of followed points, judged and joined over time: which of them are movers, and which are one and the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+
+from aa4d.motion.points import Points
+
+FEWEST_POINTS = 4  # at once, of a body that is judged at all
+WAY_PX = 4.0  # the least that a mover travels over the ground
+AGAINST_PX = 2.5  # the least that it parts from what the static scene would show
+STRAIGHT = 0.5  # of its path that gets it anywhere: what sways does not
+BRIEF_FRAMES = 4  # seen for fewer frames than this, a mover must show more
+BRIEF_POINTS = 10
+BRIEF_STEP_PX = 1.2  # a frame
+LONGEST_GAP = 8  # clip frames over which a body is looked for again, unless it stands
+STANDING_PX = 0.25  # a frame
+OFF_PX = (5.0, 1.0)  # that a prediction may miss by: at once, and more for each frame
+SPEEDS_PX = 1.2  # a frame, of velocities before and after a gap
+TOUCHING_PX = 4.0  # between two parts of one mover, in the picture
+PARTING_PX = 3.5  # between those, over all their common frames
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Body:
+    """Points that move as one, and their mean motion; lengths in pixels of the median depth, over the ground."""
+
+    members: Ints  # of the points
+    number: Ints  # [V] points alive
+    place: Array  # [V, 2] mean of the points; NaN where there is none
+    velocity: Array  # [V - 1, 2] a clip frame, between successive training frames; NaN where unknown
+    against: float  # what its points part from the static scene by, median
+
+    @property
+    def first(self) -> int:
+        return int(np.flatnonzero(self.number)[0])
+
+    @property
+    def last(self) -> int:
+        return int(np.flatnonzero(self.number)[-1])
+
+
+def body_of(points: Points, members: Ints, gaps: Ints) -> Body:
+    """The mean motion of some points."""
+    places = points.places[members].astype(np.float64)
+    alive = points.alive[members]
+    number = alive.sum(0)
+    with np.errstate(invalid="ignore"):
+        place = np.where(alive[..., None], places, 0).sum(0) / np.where(number > 0, number, np.nan)[:, None]
+    steps = np.diff(places, axis=1) / gaps[None, :, None]
+    velocity = np.full((len(gaps), 2), np.nan)
+    for s in range(len(gaps)):
+        known = np.isfinite(steps[:, s, 0])
+        if known.any():
+            velocity[s] = np.median(steps[known, s], axis=0)
+    against = np.nanmax(np.where(np.isfinite(points.against[members]), points.against[members], 0), axis=1)
+    return Body(members, number, place, velocity, float(np.median(against)))
+
+
+def trimmed(body: Body, fewest: int) -> Body:
+    """Without the frames at either end in which too few of its points are left."""
+    enough = np.flatnonzero(body.number >= fewest)
+    if not len(enough):
+        return body
+    inside = np.zeros(len(body.number), bool)
+    inside[enough[0] : enough[-1] + 1] = True
+    number = np.where(inside, body.number, 0)
+    place = np.where((number > 0)[:, None], body.place, np.nan)
+    both = (number[1:] > 0) & (number[:-1] > 0)
+    return Body(body.members, number, place, np.where(both[:, None], body.velocity, np.nan), body.against)
+
+
+def way(body: Body, gaps: Ints) -> tuple[float, float]:
+    """How far a body gets between any two of its frames, and the length of its path; pixels over the ground."""
+    steps = np.nan_to_num(body.velocity) * gaps[:, None]
+    path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    apart = np.linalg.norm(path[:, None] - path[None], axis=2)
+    # Jitter of a body that stands is no path: steps are summed over three frames.
+    smooth = np.stack([np.convolve(steps[:, c], np.ones(3) / 3, mode="same") for c in (0, 1)], 1)
+    return float(apart.max()), float(np.linalg.norm(smooth, axis=1).sum())
+
+
+def is_mover(body: Body, gaps: Ints) -> bool:
+    """Whether a body gets somewhere, as a whole, against the static scene."""
+    if body.number.max() < FEWEST_POINTS:
+        return False
+    net, path = way(body, gaps)
+    frames = int((body.number > 0).sum())
+    if frames < BRIEF_FRAMES:
+        speeds = np.linalg.norm(body.velocity[np.isfinite(body.velocity[:, 0])], axis=1)
+        if not len(speeds) or speeds.min() < BRIEF_STEP_PX or body.number.max() < BRIEF_POINTS:
+            return False
+    return net >= WAY_PX and body.against >= AGAINST_PX and net >= STRAIGHT * path
+
+
+def linked(bodies: list[Body], points: Points, ranks: Ints) -> list[Body]:
+    """Bodies that continue one another after a gap, joined; the best pairs over all at once, again and again."""
+    gaps = np.diff(ranks)
+    while len(bodies) > 1:
+        cost = np.full((len(bodies), len(bodies)), np.inf)
+        for i, a in enumerate(bodies):
+            for j, b in enumerate(bodies):
+                if i != j and a.last < b.first:
+                    cost[i, j] = _mismatch(a, b, ranks)
+        possible = np.isfinite(cost)
+        if not possible.any():
+            break
+        rows, columns = linear_sum_assignment(np.where(possible, cost, 1e3))
+        successor = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if possible[i, j]}
+        heads = set(range(len(bodies))) - set(successor.values())
+        joined = []
+        for head in sorted(heads):
+            chain = [head]
+            while chain[-1] in successor:
+                chain.append(successor[chain[-1]])
+            if len(chain) == 1:
+                joined.append(bodies[head])
+            else:
+                joined.append(body_of(points, np.concatenate([bodies[i].members for i in chain]), gaps))
+        bodies = joined
+    return bodies
+
+
+def _mismatch(a: Body, b: Body, ranks: Ints) -> float:
+    """How badly b continues a, 0 at best; inf where it cannot."""
+    gap = int(ranks[b.first] - ranks[a.last])
+    va, vb = _end_velocity(a, -1), _end_velocity(b, +1)
+    standing = max(np.linalg.norm(va), np.linalg.norm(vb)) < STANDING_PX
+    if gap > LONGEST_GAP and not standing:
+        return np.inf
+    start, end = a.place[a.last], b.place[b.first]
+    if standing:
+        off, allowed = float(np.linalg.norm(end - start)), OFF_PX[0]
+    else:
+        ahead, back = np.linalg.norm(start + va * gap - end), np.linalg.norm(end - vb * gap - start)
+        off, allowed = float(ahead + back) / 2, OFF_PX[0] + OFF_PX[1] * gap
+    change = float(np.linalg.norm(va - vb))
+    allowed_change = SPEEDS_PX + 0.15 * float(np.linalg.norm(va) + np.linalg.norm(vb))
+    if off > allowed or change > allowed_change:
+        return np.inf
+    return off / allowed + change / allowed_change + 0.05 * gap
+
+
+def _end_velocity(body: Body, side: int) -> Array:
+    known = body.velocity[np.isfinite(body.velocity[:, 0])]
+    if not len(known):
+        return np.zeros(2)
+    return np.median(known[-4:] if side < 0 else known[:4], axis=0)
+
+
+def merged(bodies: list[Body], points: Points, gaps: Ints) -> list[Body]:
+    """Bodies that keep together over all their common frames, joined: parts of one vehicle, or it and its shadow."""
+    bodies = list(bodies)
+    refused: set[tuple[int, int]] = set()
+    while True:
+        found = None
+        for i in range(len(bodies)):
+            for j in range(i + 1, len(bodies)):
+                key = (id(bodies[i]), id(bodies[j]))
+                if key in refused:
+                    continue
+                if _keep_together(bodies[i], bodies[j], points, gaps):
+                    found = (i, j)
+                    break
+                refused.add(key)
+            if found:
+                break
+        if not found:
+            return bodies
+        i, j = found
+        joined = body_of(points, np.concatenate([bodies[i].members, bodies[j].members]), gaps)
+        # The old ones stay referenced until here, so that no new one takes their identity.
+        bodies = [b for k, b in enumerate(bodies) if k not in (i, j)] + [joined]
+        refused = {key for key in refused if key[0] in {id(b) for b in bodies} and key[1] in {id(b) for b in bodies}}
+
+
+def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
+    common = np.flatnonzero((a.number > 0) & (b.number > 0))
+    if len(common) < 2 or len(common) < 0.5 * min((a.number > 0).sum(), (b.number > 0).sum()):
+        return False
+    if np.nanmin(np.linalg.norm(a.place[common] - b.place[common], axis=1)) > 60:
+        return False
+    both = np.isfinite(a.velocity[:, 0]) & np.isfinite(b.velocity[:, 0])
+    apart = np.cumsum(((a.velocity - b.velocity) * gaps[:, None])[both], axis=0)
+    if len(apart) and float(np.linalg.norm(np.ptp(apart, axis=0))) > PARTING_PX:
+        return False
+    distances = []
+    for v in common[:: max(len(common) // 6, 1)]:
+        pa = points.pixels[a.members, v]
+        pb = points.pixels[b.members, v]
+        pa, pb = pa[np.isfinite(pa[:, 0])], pb[np.isfinite(pb[:, 0])]
+        if len(pa) and len(pb):
+            distances.append(float(cKDTree(pa).query(pb)[0].min()))
+    return bool(distances) and float(np.median(distances)) < TOUCHING_PX

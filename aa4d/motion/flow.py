@@ -1,0 +1,89 @@
+"""Optical flow between consecutive training frames, both ways, and the flow that a static scene would show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aa4d.motion.ground import project
+from aa4d.motion.observations import Observations
+
+LONGEST_PX = 720  # of the pictures that flow is measured in: small ones are doubled, for cars of ten pixels
+CONSISTENT_PX = 1.0  # forwards and back again
+
+Floats = NDArray[np.float32]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Of the pairs of consecutive training frames, P = V - 1; pixels, x right and y down."""
+
+    forward: Floats  # [P, H, W, 2] from frame p to p + 1
+    backward: Floats  # [P, H, W, 2] from frame p + 1 to p
+    forward_error: Floats  # [P, H, W] how far from its start a pixel ends that goes forwards and back
+    backward_error: Floats  # [P, H, W]
+
+
+def measure(observed: Observations) -> Flow:
+    height, width = observed.images.shape[1:3]
+    scale = float(np.clip(LONGEST_PX / max(height, width), 1.0, 2.0)) if max(height, width) < LONGEST_PX else 1.0
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    dis.setFinestScale(0)
+    grey = [_grey(image, scale) for image in observed.images]
+    pairs = max(len(grey) - 1, 0)
+    ways = np.zeros((2, pairs, height, width, 2), np.float32)
+    for p in range(pairs):
+        for way, (a, b) in enumerate(((grey[p], grey[p + 1]), (grey[p + 1], grey[p]))):
+            flow = np.asarray(dis.calc(a, b, np.zeros((*a.shape, 2), np.float32)), np.float32) / scale
+            ways[way, p] = cv2.resize(flow, (width, height), interpolation=cv2.INTER_AREA)
+    errors = np.zeros((2, pairs, height, width), np.float32)
+    for p in range(pairs):
+        errors[0, p] = _round_trip(ways[0, p], ways[1, p])
+        errors[1, p] = _round_trip(ways[1, p], ways[0, p])
+    return Flow(ways[0], ways[1], errors[0], errors[1])
+
+
+def _grey(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC) if scale != 1 else grey)
+
+
+def _round_trip(there: Floats, back: Floats) -> Floats:
+    height, width = there.shape[:2]
+    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    x, y = x + there[..., 0], y + there[..., 1]
+    returned = cv2.remap(back, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    error = np.linalg.norm(there + returned, axis=2)
+    outside = (x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)
+    return np.where(outside, np.inf, error).astype(np.float32)
+
+
+def sample(values: NDArray[np.generic], points: Array) -> NDArray[np.float32]:
+    """[N, ...]: values [H, W, ...] at points [N, 2] (pixel centres at + 0.5), bilinear."""
+    x, y = (points.astype(np.float32) - 0.5).T
+    if not len(points):
+        return np.zeros((0, *values.shape[2:]), np.float32)
+    rows = -(-len(points) // 8192)  # remap takes no picture with a side above 32767
+    padded = np.zeros((2, rows * 8192), np.float32)
+    padded[0, : len(points)], padded[1, : len(points)] = x, y
+    found = cv2.remap(
+        np.asarray(values, np.float32),
+        padded[0].reshape(rows, -1),
+        padded[1].reshape(rows, -1),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(found.reshape(rows * 8192, *values.shape[2:])[: len(points)], np.float32)
+
+
+def static_flow(observed: Observations, a: int, b: int, pixels: Array, depth: NDArray[np.floating]) -> Array:
+    """[N, 2]: where points of depth_z [N] at pixels [N, 2] of frame a go by frame b if they stand still."""
+    K, view = observed.K, observed.viewmat
+    local = np.stack([(pixels[:, 0] - K[0, 2]) / K[0, 0], (pixels[:, 1] - K[1, 2]) / K[1, 1], np.ones(len(pixels))], 1)
+    points = (local * np.asarray(depth, np.float64)[:, None] - view[a, :3, 3]) @ view[a, :3, :3]
+    return np.asarray(project(points, view[b], K)[0] - pixels)

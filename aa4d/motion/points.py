@@ -1,0 +1,172 @@
+"""Points followed by flow: where something differs from the static scene or moves against it, for as long as flow holds.
+
+Short flows are trusted, long chains only while every step returns to its start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aa4d.motion.flow import CONSISTENT_PX, Flow, sample, static_flow
+from aa4d.motion.ground import Ground
+from aa4d.motion.observations import Observations
+
+SPACING_PX = 2
+MOVING_PX = 0.7  # a frame, against the static scene: that a pixel moves
+STEPS_WITHOUT_REASON = 2  # a point that neither differs nor ever moved is given up
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Points:
+    """N points over V frames; NaN where a point is not followed."""
+
+    pixels: Floats  # [N, V, 2] centres at + 0.5
+    places: Floats  # [N, V, 2] on the ground, in pixels of the median depth, along the ground's axes
+    against: Floats  # [N, V] pixels between the point and where it would be, had it stood still since it was first seen
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    @property
+    def alive(self) -> Mask:
+        return np.isfinite(self.pixels[..., 0])
+
+    def of(self, which: NDArray[np.generic]) -> Points:
+        return Points(self.pixels[which], self.places[which], self.against[which])
+
+
+def moving_pixels(observed: Observations, flow: Flow, ground: Ground, allowed: Mask) -> Mask:
+    """[V, H, W]: pixels whose flow fits neither the static surface nor the ground, towards both neighbouring frames."""
+    views, height, width = observed.images.shape[:3]
+    rows, columns = np.mgrid[:height, :width]
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5
+    result = np.zeros((views, height, width), bool)
+    for v in range(views):
+        here = np.flatnonzero(allowed[v].ravel())
+        least = np.full(len(here), np.inf)
+        for other in (v - 1, v + 1):
+            if not 0 <= other < views:
+                continue
+            p = min(v, other)
+            measured = (flow.forward if other > v else flow.backward)[p].reshape(-1, 2)[here]
+            error = (flow.forward_error if other > v else flow.backward_error)[p].reshape(-1)[here]
+            gap = abs(int(observed.rank[other] - observed.rank[v]))
+            away = np.minimum.reduce(
+                [
+                    np.nan_to_num(np.linalg.norm(measured - still, axis=1), nan=np.inf)
+                    for still in standing(observed, ground, v, other, pixels[here])
+                ]
+            )
+            least = np.minimum(least, np.where(error < CONSISTENT_PX, away / gap, 0))
+        result[v].ravel()[here] = np.isfinite(least) & (least > MOVING_PX)
+    return result
+
+
+def standing(observed: Observations, ground: Ground, a: int, b: int, pixels: Array) -> list[Array]:
+    """The flow of pixels [N, 2] from frame a to b, if they show the static surface, and if they show the ground."""
+    column, row = np.floor(pixels).astype(int).T
+    height, width = observed.static_depth_m.shape[1:]
+    depth = observed.static_depth_m[a][np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)].astype(np.float64)
+    surface = static_flow(observed, a, b, pixels, np.where(depth > 0, depth, np.nan))
+    land = ground.lift(pixels, observed.viewmat[a], observed.K)
+    depth = land @ observed.viewmat[a, 2, :3] + observed.viewmat[a, 2, 3]
+    return [surface, static_flow(observed, a, b, pixels, depth)]
+
+
+def follow(observed: Observations, flow: Flow, ground: Ground, reason: Mask) -> Points:
+    """Points that start where `reason` [V, H, W] holds and no other point is, followed both ways in time."""
+    views, height, width = observed.images.shape[:3]
+    parts: list[Floats] = []
+    births: list[NDArray[np.int64]] = []
+    active = np.zeros((0,), int)
+    pixels = np.full((0, views, 2), np.nan, np.float32)
+    idle = np.zeros(0, int)
+    moved = np.zeros(0, bool)
+    for v in range(views):
+        if v:
+            start = pixels[active, v - 1].astype(np.float64)
+            step = sample(flow.forward[v - 1], start)
+            error = sample(flow.forward_error[v - 1], start)
+            end = start + step
+            gap = int(observed.rank[v] - observed.rank[v - 1])
+            away = np.minimum.reduce(
+                [
+                    np.nan_to_num(np.linalg.norm(step - still, axis=1), nan=np.inf)
+                    for still in standing(observed, ground, v - 1, v, start)
+                ]
+            )
+            inside = (end > 0).all(1) & (end[:, 0] < width) & (end[:, 1] < height)
+            good = inside & (error < CONSISTENT_PX)
+            moved[active] |= good & (away > MOVING_PX * gap) & np.isfinite(away)
+            column, row = np.floor(np.where(inside[:, None], end, 0)).astype(int).T
+            why = reason[v][row, column]
+            idle[active] = np.where(why | moved[active], 0, idle[active] + 1)
+            good &= idle[active] <= STEPS_WITHOUT_REASON
+            pixels[active[good], v] = end[good]
+            active = active[good]
+        taken = np.zeros((-(-height // SPACING_PX), -(-width // SPACING_PX)), bool)
+        if len(active):
+            column, row = (pixels[active, v] // SPACING_PX).astype(int).T
+            taken[np.minimum(row, taken.shape[0] - 1), np.minimum(column, taken.shape[1] - 1)] = True
+        rows, columns = np.nonzero(reason[v][::SPACING_PX, ::SPACING_PX] & ~taken)
+        fresh = np.full((len(rows), views, 2), np.nan, np.float32)
+        fresh[:, v, 0], fresh[:, v, 1] = columns * SPACING_PX + 0.5, rows * SPACING_PX + 0.5
+        active = np.concatenate([active, np.arange(len(pixels), len(pixels) + len(rows))])
+        pixels = np.concatenate([pixels, fresh])
+        idle = np.concatenate([idle, np.zeros(len(rows), int)])
+        moved = np.concatenate([moved, np.zeros(len(rows), bool)])
+        births.append(np.full(len(rows), v))
+    del parts
+    born = np.concatenate(births) if births else np.zeros(0, int)
+    keep = np.flatnonzero(moved & (np.isfinite(pixels[..., 0]).sum(1) > 1))
+    pixels, born = pixels[keep], born[keep]
+    _backwards(pixels, born, flow, height, width)
+    return _placed(observed, ground, pixels)
+
+
+def _backwards(pixels: Floats, born: NDArray[np.int64], flow: Flow, height: int, width: int) -> None:
+    """Follow points to the frames before the one they began in, as far as flow holds; in place."""
+    active = np.zeros(0, int)
+    for v in range(pixels.shape[1] - 1, 0, -1):
+        active = np.concatenate([active, np.flatnonzero(born == v)])
+        start = pixels[active, v].astype(np.float64)
+        end = start + sample(flow.backward[v - 1], start)
+        error = sample(flow.backward_error[v - 1], start)
+        good = (error < CONSISTENT_PX) & (end > 0).all(1) & (end[:, 0] < width) & (end[:, 1] < height)
+        pixels[active[good], v - 1] = end[good]
+        active = active[good]
+
+
+def _placed(observed: Observations, ground: Ground, pixels: Floats) -> Points:
+    places = np.full(pixels.shape, np.nan, np.float32)
+    surface = np.full((len(pixels), 3), np.nan)
+    land = np.full((len(pixels), 3), np.nan)
+    against = np.full(pixels.shape[:2], np.nan, np.float32)
+    height, width = observed.static_depth_m.shape[1:]
+    for v in range(pixels.shape[1]):
+        here = np.flatnonzero(np.isfinite(pixels[:, v, 0]))
+        at = pixels[here, v].astype(np.float64)
+        points = ground.lift(at, observed.viewmat[v], observed.K)
+        places[here, v] = (points - ground.origin) @ ground.axes.T / observed.pixel
+        new = np.isnan(land[here, 0])
+        column, row = np.floor(at[new]).astype(int).T
+        depth = observed.static_depth_m[v][np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        K, view = observed.K, observed.viewmat[v]
+        local = np.stack([(at[new] - K[[0, 1], [2, 2]]) / K[[0, 1], [0, 1]]], 0)[0]
+        local = np.concatenate([local, np.ones((len(local), 1))], 1) * np.where(depth > 0, depth, np.nan)[:, None]
+        surface[here[new]] = (local - view[:3, 3]) @ view[:3, :3]
+        land[here[new]] = points[new]
+        away = []
+        for still in (surface, land):
+            local = still[here] @ view[:3, :3].T + view[:3, 3]
+            seen = local[:, :2] / np.where(local[:, 2:] > 0, local[:, 2:], np.nan) * K[[0, 1], [0, 1]] + K[[0, 1], [2, 2]]
+            away.append(np.nan_to_num(np.linalg.norm(seen - at, axis=1), nan=np.inf))
+        against[here, v] = np.minimum(*away)
+    return Points(pixels, places, against)
