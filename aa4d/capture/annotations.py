@@ -20,6 +20,7 @@ IGNORED = "_gt_ignore"  # at the end of the names of UAVDT's files of regions in
 VISDRONE_IGNORED = 0  # category: a region that nobody has annotated
 NO_TARGET = -1  # of a box that nobody has followed over the frames
 UNKNOWN = ""
+ONE_BOX = "one box a frame"  # layout
 UAVDT_CATEGORIES = {1: "car", 2: "truck", 3: "bus"}  # of files `_gt_whole`; `_gt` has another number in that column
 VISDRONE_CATEGORIES = {
     1: "pedestrian",
@@ -63,8 +64,8 @@ class Annotations:
 
     @property
     def follows(self) -> bool:
-        """Whether some object is known again from frame to frame."""
-        return any((target != NO_TARGET).any() for target in self.targets.values())
+        """Whether the movers are known again from frame to frame; a file of one box a frame follows one of many."""
+        return self.layout != ONE_BOX and any((target != NO_TARGET).any() for target in self.targets.values())
 
 
 def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
@@ -116,7 +117,7 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
         layout, category = "UAVDT", table[:, 8]
         names = UAVDT_CATEGORIES if (category > 0).all() else {}
     elif table.shape[1] == 4:
-        layout, frame = "one box a frame", np.arange(1.0, len(table) + 1)
+        layout, frame = ONE_BOX, np.arange(1.0, len(table) + 1)
         target, category = np.ones(len(table)), np.zeros(len(table))  # one object is followed
     else:
         raise InputError(

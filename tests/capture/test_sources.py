@@ -92,6 +92,7 @@ def test_boxes_without_size_are_left_out_and_counted(tmp_path: Path) -> None:
     read = read_annotations(tmp_path / "one.txt", [1, 2, 3])
     assert (sorted(read.boxes), read.empty) == ([1, 3], 1)
     assert [read.targets[number].tolist() for number in (1, 3)] == [[1], [1]]  # one object is followed
+    assert not read.follows  # and the others are not
     (tmp_path / "none.txt").write_text("1,7,10,20,0,0,1,1,1\n")
     read = read_annotations(tmp_path / "none.txt", [1])
     assert (read.boxes, read.empty) == ({}, 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 
 from aa4d.capture.clip import Picture
 from aa4d.capture.settings import Selection
-from aa4d.capture.sources import Source
+from aa4d.capture.sources import Source, open_source
 from aa4d.capture.spacing import SPILL, Pace, choose_spacing, followable_until, lengths_of, spacing_advice
 from tests.capture.aerial import texture
+from tests.capture.videos import write_video
 
 GROUND = (90 + 0.25 * texture(1, 900)).astype(np.uint8)
 COLORS = [(230, 230, 230), (200, 30, 30), (30, 30, 40), (240, 200, 40), (40, 80, 200), (245, 245, 245)]
@@ -105,3 +107,14 @@ def test_frames_too_far_apart_are_told_with_what_to_do() -> None:
     assert spacing_advice(pace, [0.1 * i for i in range(50)], 50) == []
     (advice,) = spacing_advice(Pace(4.2, 0.5, 0.0, 21.8), used, 50)
     assert "cannot be followed. Give 9 frames a second or more" in advice.what
+
+
+def test_a_video_is_looked_at_and_then_read_from_its_beginning(tmp_path: Path) -> None:
+    times = [i / 10 for i in range(24)]
+    video = write_video(tmp_path / "film.mp4", [street(t, 2.0) for t in times], times)
+    source = open_source(video, Selection(), None)
+    chosen = choose_spacing(source, Selection(), lambda *_: None)
+    assert chosen["pace"]["lengths_per_s"] == pytest.approx(2.0, rel=0.5)
+    assert chosen["pace"]["step_s"] == pytest.approx(0.1)
+    assert chosen["notes"] == []  # short enough
+    assert [p.time_s for p in source.pictures] == pytest.approx(times)
