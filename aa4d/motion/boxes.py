@@ -71,7 +71,7 @@ def box_tracks(observed: Observations, boxes: Boxes) -> Tracks:
     numbers = {target: number for number, target in enumerate(found, 1)}
     # The smaller of two boxes is drawn over the larger.
     every = [
-        (seen, i, numbers[target]) for target in found for seen in [targets[target]] for i in range(len(seen.view))
+        (targets[target], i, number) for target, number in numbers.items() for i in range(len(targets[target].view))
     ]
     for seen, i, number in sorted(every, key=lambda row: -_area(row[0].box[row[1]])):
         _label(labels, observed, seen, i, number)
@@ -94,7 +94,7 @@ def seen_targets(observed: Observations, boxes: Boxes) -> dict[int, Seen]:
     for target in np.unique(boxes.target[trained]):
         rows = np.flatnonzero(trained & (boxes.target == target))
         rows = rows[np.argsort(boxes.frame[rows], kind="stable")]
-        if target >= 0:  # one box a frame
+        if target >= 0:  # an object is in one place
             rows = rows[np.unique(boxes.frame[rows], return_index=True)[1]]
         box = boxes.box_px[rows]
         cut = (box[:, :2] < EDGE_PX).any(axis=1) | (box[:, 2:] > np.array([width, height]) - EDGE_PX).any(axis=1)
