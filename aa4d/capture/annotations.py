@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,23 @@ MOST_OUTSIDE = 0.02  # of the boxes: genuine ones reach over the edge, their mid
 MOST = 1e6  # of a frame number or a pixel, in size: no video has more, and beyond 2^63 numbers turn into others
 IGNORED = "_gt_ignore"  # at the end of the names of UAVDT's files of regions in which nobody has looked for vehicles
 VISDRONE_IGNORED = 0  # category: a region that nobody has annotated
+NO_TARGET = -1  # of a box that nobody has followed over the frames
+UNKNOWN = ""
+ONE_BOX = "one box a frame"  # layout
+UAVDT_CATEGORIES = {1: "car", 2: "truck", 3: "bus"}  # of files `_gt_whole`; `_gt` has another number in that column
+VISDRONE_CATEGORIES = {
+    1: "pedestrian",
+    2: "people",
+    3: "bicycle",
+    4: "car",
+    5: "van",
+    6: "truck",
+    7: "tricycle",
+    8: "awning-tricycle",
+    9: "bus",
+    10: "motor",
+    11: "others",
+}
 
 
 @dataclass(frozen=True)
@@ -26,6 +44,8 @@ class Annotations:
     file: Path
     layout: str
     boxes: dict[int, NDArray[np.float64]]  # frame number -> [M, 4]
+    targets: dict[int, NDArray[np.int64]]  # frame number -> [M], one number for one object over all frames, or -1
+    categories: dict[int, NDArray[np.str_]]  # frame number -> [M], "" where the file does not say
     empty: int = 0  # rows left out: boxes without width or height, as some data sets mark an absent target
 
     def check_size(self, width: int, height: int) -> None:
@@ -41,6 +61,11 @@ class Annotations:
 
     def of(self, number: int | None) -> NDArray[np.float64]:
         return self.boxes.get(-1 if number is None else number, np.zeros((0, 4)))
+
+    @property
+    def follows(self) -> bool:
+        """Whether the movers are known again from frame to frame; a file of one box a frame follows one of many."""
+        return self.layout != ONE_BOX and any((target != NO_TARGET).any() for target in self.targets.values())
 
 
 def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
@@ -80,15 +105,20 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
         if any(side < 0 for side in _box(rows[-1])[2:]):
             raise InputError(f"{path}: line {line_number} is a box of negative size: {line[:60]!r}; restore the file")
     if not rows:
-        return Annotations(path, "empty", {})
+        return Annotations(path, "empty", {}, {}, {})
     table = np.array(rows)
     frame = table[:, 0]
+    target, wanted = table[:, 1], np.ones(len(table), bool)
+    names: dict[int, str] = {}
     if table.shape[1] == 10:
         layout, wanted = "VisDrone", table[:, 7] != VISDRONE_IGNORED
+        category, names = table[:, 7], VISDRONE_CATEGORIES
     elif table.shape[1] == 9:
-        layout, wanted = "UAVDT", np.ones(len(table), bool)
+        layout, category = "UAVDT", table[:, 8]
+        names = UAVDT_CATEGORIES if (category > 0).all() else {}
     elif table.shape[1] == 4:
-        layout, wanted, frame = "one box a frame", np.ones(len(table), bool), np.arange(1.0, len(table) + 1)
+        layout, frame = ONE_BOX, np.arange(1.0, len(table) + 1)
+        target, category = np.ones(len(table)), np.zeros(len(table))  # one object is followed
     else:
         raise InputError(
             f"{path}: rows have {table.shape[1]} columns; known are 10 (VisDrone), 9 (UAVDT) and 4 (one box a frame): "
@@ -96,13 +126,16 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
         )
     every = table[:, 2:6] if table.shape[1] > 4 else table
     sized = (every[:, 2:] > 0).all(axis=1)
-    boxes = _by_frame(frame[wanted & sized], every[wanted & sized])
+    kept = wanted & sized
+    named = np.array([names.get(int(number), UNKNOWN) for number in category[kept]], np.str_)
+    boxes = _by_frame(frame[kept], every[kept])
     if boxes and not boxes.keys() & set(numbers):
         raise InputError(
             f"{path}: its boxes are of frames {min(boxes)} to {max(boxes)}, and the input's frames are numbered "
             f"{min(numbers)} to {max(numbers)}: give this sequence's own with --annotations"
         )
-    return Annotations(path, layout, boxes, int((wanted & ~sized).sum()))
+    targets = _by_frame(frame[kept], np.maximum(target[kept], NO_TARGET).astype(np.int64))
+    return Annotations(path, layout, boxes, targets, _by_frame(frame[kept], named), int((wanted & ~sized).sum()))
 
 
 def _box(row: list[float]) -> list[float]:
@@ -110,6 +143,6 @@ def _box(row: list[float]) -> list[float]:
     return row[2:6] if len(row) > 4 else row
 
 
-def _by_frame(frame: NDArray[np.float64], boxes: NDArray[np.float64]) -> dict[int, NDArray[np.float64]]:
+def _by_frame(frame: NDArray[np.float64], values: NDArray[Any]) -> dict[int, NDArray[Any]]:
     frame = frame.astype(int)
-    return {int(number): boxes[frame == number] for number in np.unique(frame)}
+    return {int(number): values[frame == number] for number in np.unique(frame)}

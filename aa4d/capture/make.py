@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 
 from aa4d.capture import features, mapping, matching, movers
 from aa4d.capture.advice import Advice, advice, field_of_view_advice
+from aa4d.capture.annotations import Annotations
 from aa4d.capture.clip import Clip
 from aa4d.capture.orientation import World, centres_of, find_world, kept_world
 from aa4d.capture.pictures import save_png
-from aa4d.capture.reader import FARTHEST_M
+from aa4d.capture.reader import BOXES, FARTHEST_M, Boxes, PinholeCamera
 from aa4d.capture.report import write_report
 from aa4d.capture.selection import make_clip, some
 from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import CaptureSettings
 from aa4d.capture.sources import Source, open_source
-from aa4d.capture.undistortion import Undistortion, pinhole_of, pinhole_pixels, viewmat_of
+from aa4d.capture.spacing import Pace, choose_spacing, spacing_advice
+from aa4d.capture.undistortion import Undistortion, pinhole_boxes, pinhole_of, pinhole_pixels, viewmat_of
 from aa4d.capture.workspace import DiskFullError, Progress, Workspace
 from aa4d.capture.writing import Cloud, Shot, digests_of, publish, write_capture
 from aa4d.errors import InputError, Interrupted
@@ -128,15 +130,26 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     stamps = [(str(f), f.stat().st_size, f.stat().st_mtime_ns) for f in source.files]
     boxes = None if source.annotations is None else source.annotations.file.read_text(encoding="utf-8")
 
+    follows = source.annotations is not None and source.annotations.follows  # movers are known again without a finder
+    selection, pace, spaced = settings.selection, None, list[str]()
+    if settings.movers == "auto" and not follows:
+        chosen = workspace.step(
+            "spacing",
+            [stamps, selection.start_s, selection.end_s, selection.folder_fps, selection.is_open],
+            lambda _, progress: choose_spacing(source, selection, progress),
+        ).result
+        pace = Pace(**chosen["pace"]) if chosen["pace"] else None
+        selection, spaced = dataclasses.replace(selection, end_s=chosen["end_s"]), chosen["notes"]
+
     def frames_step(folder: Path, progress: Progress) -> dict[str, Any]:
         for leftover in folder.glob("*.*g"):
             leftover.unlink()
-        made = make_clip(source.pictures, source.times_s(), settings.selection, source.notes, folder, progress)
+        made = make_clip(source.pictures, source.times_s(), selection, source.notes, folder, progress)
         return made.as_json()
 
-    frames = workspace.step("frames", [stamps, dataclasses.asdict(settings.selection)], frames_step)
+    frames = workspace.step("frames", [stamps, dataclasses.asdict(selection)], frames_step)
     clip = Clip.from_json(frames.folder, frames.result)
-    notes = list(clip.notes)
+    notes = [*clip.notes, *spaced]
     posed = source.posed
     given = None if posed is None else posed.of_clip(clip)
 
@@ -237,6 +250,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         "movers": settings.movers if masks is None else movers_kind(source),
         "notes": notes,
     }
+    stored = None if source.annotations is None else _boxes(source.annotations, in_order, clip, model, pinhole)
     observations = _observations(in_order, model, pinhole, shots)
 
     shrunk = pinhole.K[0, 0] / float(np.median([c.focal_length_x for c in cameras]))
@@ -244,16 +258,19 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     def assemble_step(folder: Path, progress: Progress) -> dict[str, Any]:
         progress(0, 2)
         name = path.stem if path.is_file() else path.resolve().name
-        write_capture(folder, name, pictures.folder, pinhole, shots, cloud, generator)
+        write_capture(folder, name, pictures.folder, pinhole, shots, cloud, generator, stored)
         progress(1, 2)
         checked = check_capture(folder, observations, shrunk)
         checked["files"] = publish(folder, out)
         progress(2, 2)
         return checked
 
-    checked = workspace.step("capture", [generator, settings.altitude_m], assemble_step).result
+    has_boxes = [] if stored is None else [BOXES]
+    checked = workspace.step("capture", [generator, settings.altitude_m, *has_boxes], assemble_step).result
     fov_deg = 2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0])))
     said = [] if posed or focal_px else field_of_view_advice(geometry["geometry"], fov_deg, result["focal_was_kept"])
+    if pace is not None:
+        said += spacing_advice(pace, [shot.time_s for shot in shots], selection.most_frames)
     said += advice(
         len(shots) / len(clip.frames),
         checked["reprojection_px"]["median"] / shrunk,
@@ -355,6 +372,27 @@ def _check_reach(path: Path, shots: list[Shot], world: World) -> None:
             f"({world.scale_from}), over {FARTHEST_M:g}; leave that frame out, move the origin to the scene, "
             "or use a shorter part of the flight (--start, --end)"
         )
+
+
+def _boxes(
+    annotations: Annotations, in_order: list[tuple[Any, int]], clip: Clip, model: Any, pinhole: PinholeCamera
+) -> Boxes:
+    """The boxes of the capture's frames, in its pixels; those of which its frames show nothing are left out."""
+    found = []
+    for rank, (image, rank_in_clip) in enumerate(in_order):
+        number = clip.frames[rank_in_clip].number
+        if number is None or number not in annotations.boxes:
+            continue
+        camera = model.camera(image.camera_id)
+        box = pinhole_boxes(camera, pinhole, annotations.boxes[number], clip.source_size)
+        shown = (box[:, 2:] > box[:, :2]).all(axis=1)
+        target, category = annotations.targets[number], annotations.categories[number]
+        found.append(Boxes(np.full(int(shown.sum()), rank), target[shown], box[shown], category[shown]))
+    if not found:
+        return Boxes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, np.str_))
+    return Boxes(
+        *(np.concatenate([getattr(b, name) for b in found]) for name in ("frame", "target", "box_px", "category"))
+    )
 
 
 def _observations(

@@ -104,9 +104,7 @@ class EpipolarMotion:
         self.clip = clip
         self.scale = FLOW_PX / max(clip.width, clip.height)
         self._grey: dict[int, NDArray[np.uint8]] = {}
-        self._rough = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
-        self._fine = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        self._fine.setFinestScale(0)  # a car can be ten pixels long
+        self._rough, self._fine = rough_flow(), fine_flow()
 
     def mask(self, index: int) -> Mask:
         """[H, W] at the clip's size: what disagrees with the background in both directions of time."""
@@ -120,7 +118,7 @@ class EpipolarMotion:
             return np.zeros(size[::-1], bool)
         # What one frame hides and the other shows disagrees in one direction only.
         residual = cv2.GaussianBlur(np.minimum.reduce(found), (0, 0), 1.0)
-        moving = _without_specks((residual > DISAGREEMENT_PX).astype(np.uint8))
+        moving = without_specks((residual > DISAGREEMENT_PX).astype(np.uint8))
         around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (AROUND_PX, AROUND_PX))
         full = cv2.resize(cv2.dilate(moving, around), size, interpolation=cv2.INTER_NEAREST)
         return np.asarray(full, bool)
@@ -146,32 +144,46 @@ class EpipolarMotion:
             flow = np.asarray(self._rough.calc(here, there, no_guess(here)), np.float32)
             if float(np.median(np.linalg.norm(flow, axis=2))) >= LEAST_MOTION_PX:
                 break
-        return None if flow is None else self._disagreement(here, there, flow)
+        found = None if flow is None else beside_background(here, there, flow, self._fine)
+        return None if found is None else found[0]
 
-    def _disagreement(self, here: NDArray[np.uint8], there: NDArray[np.uint8], rough: Floats) -> Floats | None:
-        """How far the motion [H, W] lies from what a static scene allows, pixels; None where that cannot be told.
 
-        Motion is measured once more after the background's homography is taken out: what is left is small but for
-        parallax and movers, so that small movers are not smoothed away.
-        """
-        height, width = here.shape
-        columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-        start = np.stack([columns, rows], axis=-1).reshape(-1, 2)
-        sample = np.linspace(0, len(start) - 1, SAMPLES).astype(int)
-        cv2.setRNGSeed(0)
-        end = start + rough.reshape(-1, 2)
-        homography, _ = cv2.findHomography(start[sample], end[sample], cv2.USAC_MAGSAC, INLIER_PX, maxIters=5000)
-        if homography is None:
-            return None
-        still = cv2.warpPerspective(there, homography, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        left = np.asarray(self._fine.calc(here, np.asarray(still), no_guess(here)))
-        end = cv2.perspectiveTransform((start + left.reshape(-1, 2))[None], homography)[0]
-        away = np.linalg.norm(left, axis=2)
-        F, _ = cv2.findFundamentalMat(start[sample], end[sample], cv2.USAC_MAGSAC, INLIER_PX, 0.999, 5000)
-        if F is not None and F.shape == (3, 3):
-            away = np.minimum(away, sampson(F, start, end).reshape(height, width))
-        seen = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
-        return np.where(seen.reshape(height, width), away, 0.0).astype(np.float32)
+def beside_background(
+    here: NDArray[np.uint8], there: NDArray[np.uint8], rough: Floats, fine: cv2.DISOpticalFlow
+) -> tuple[Floats, Floats] | None:
+    """How far the motion lies from what a static scene allows [H, W], and from the background's [H, W, 2]; pixels.
+
+    None where the background's motion cannot be told. Motion is measured once more after the background's homography is
+    taken out: what is left is small but for parallax and movers, so that small movers are not smoothed away.
+    """
+    height, width = here.shape
+    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    start = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    sample = np.linspace(0, len(start) - 1, SAMPLES).astype(int)
+    cv2.setRNGSeed(0)
+    end = start + rough.reshape(-1, 2)
+    homography, _ = cv2.findHomography(start[sample], end[sample], cv2.USAC_MAGSAC, INLIER_PX, maxIters=5000)
+    if homography is None:
+        return None
+    still = cv2.warpPerspective(there, homography, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    left = np.asarray(fine.calc(here, np.asarray(still), no_guess(here)), np.float32)
+    end = cv2.perspectiveTransform((start + left.reshape(-1, 2))[None], homography)[0]
+    away = np.linalg.norm(left, axis=2)
+    F, _ = cv2.findFundamentalMat(start[sample], end[sample], cv2.USAC_MAGSAC, INLIER_PX, 0.999, 5000)
+    if F is not None and F.shape == (3, 3):
+        away = np.minimum(away, sampson(F, start, end).reshape(height, width))
+    seen = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
+    return np.where(seen.reshape(height, width), away, 0.0).astype(np.float32), left
+
+
+def rough_flow() -> cv2.DISOpticalFlow:
+    return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+
+
+def fine_flow() -> cv2.DISOpticalFlow:
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    flow.setFinestScale(0)  # a car can be ten pixels long
+    return flow
 
 
 def no_guess(picture: NDArray[np.uint8]) -> Floats:
@@ -189,7 +201,7 @@ def sampson(F: NDArray[np.float64], start: Floats, end: Floats) -> NDArray[np.fl
     return distance
 
 
-def _without_specks(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def without_specks(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     count, labels, statistics, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     keep = statistics[:, cv2.CC_STAT_AREA] >= max(SMALLEST * mask.size, 9)
     keep[0] = False

@@ -77,6 +77,19 @@ class Capture:
         return [i for i, frame in enumerate(self.frames) if frame.split == split]
 
 
+@dataclass(frozen=True)
+class Boxes:
+    """Annotated boxes of a capture of footage, B of them, ordered by frame."""
+
+    frame: NDArray[np.int64]  # [B] rank of the frame
+    target: NDArray[np.int64]  # [B] the same number for the same object in every frame; -1: not followed
+    box_px: NDArray[np.float64]  # [B, 4] left, top, right, bottom, cut at the frame's edges
+    category: NDArray[np.str_]  # [B] "" where it is not known
+
+
+BOXES = "movers/boxes.npz"
+
+
 def read_capture(folder: Path) -> Capture:
     """Read and check everything but the pixels.
 
@@ -224,6 +237,42 @@ def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
     if mask.shape != expected:
         raise InputError(f"{path}: mask of movers has shape {mask.shape}, expected {expected}; make the capture again")
     return mask
+
+
+def boxes_of(capture: Capture) -> Boxes | None:
+    """The annotated boxes of a capture of footage; None where it has none.
+
+    Raises:
+        InputError: names the array that is missing, malformed or of frames and pixels that the capture does not have.
+    """
+    path = capture.folder / BOXES
+    if not path.is_file():
+        return None
+    frame, target, box, category = (read_array(path, name) for name in ("frame", "target", "box_px", "category"))
+    count = len(frame) if frame.ndim else 0
+    for name, array, shape, kinds in (
+        ("frame", frame, (count,), "iu"),
+        ("target", target, (count,), "iu"),
+        ("box_px", box, (count, 4), "f"),
+        ("category", category, (count,), "U"),
+    ):
+        if array.shape != shape or array.dtype.kind not in kinds:
+            raise InputError(
+                f"{path}: array {name!r} is {array.dtype} of shape {array.shape}, expected shape {shape}; "
+                "make the capture again"
+            )
+    unknown = np.flatnonzero((frame < 0) | (frame >= len(capture.frames)))
+    if len(unknown):
+        raise InputError(
+            f"{path}: box {unknown[0]} is of frame {frame[unknown[0]]}, and there are {len(capture.frames)}; "
+            "make the capture again"
+        )
+    limits = np.array([capture.camera.width, capture.camera.height] * 2)
+    with np.errstate(invalid="ignore"):  # NaN fails every comparison
+        good = (box[:, :2] < box[:, 2:]).all(axis=1) & ((box >= 0) & (box <= limits)).all(axis=1)
+    if not good.all():
+        raise InputError(f"{path}: box {np.flatnonzero(~good)[0]} is no rectangle in the frame; make the capture again")
+    return Boxes(frame.astype(np.int64), target.astype(np.int64), box.astype(np.float64), category)
 
 
 def depth_of(capture: Capture, index: int) -> NDArray[np.float32] | None:

@@ -66,19 +66,19 @@ def make_clip(
     Raises:
         InputError: fewer than three frames are left.
     """
-    within = [t for t in times_s if _is_within(t, selection)]
+    within = [t for t in times_s if is_within(t, selection)]
     if not within:
         raise InputError(
             f"no frame lies between --start and --end: the input's are shown from {times_s[0]:.2f} s to "
             f"{times_s[-1]:.2f} s; choose a range in there"
         )
     tick_of = _ticks(within, selection)
-    total = min(len({tick_of(t) for t in within}), selection.max_frames)
+    total = min(len({tick_of(t) for t in within}), selection.most_frames)
     kept: list[Candidate] = []
     for done, candidate in enumerate(_sharpest(pictures, tick_of, selection, folder, notes), 1):
-        if len(kept) >= selection.max_frames:
+        if len(kept) >= selection.most_frames:
             (folder / candidate.file).unlink()
-            notes.append(f"the clip was cut at {selection.max_frames} frames (--max-frames)")
+            notes.append(f"the clip was cut at {selection.most_frames} frames (--max-frames)")
             break
         kept.append(candidate)
         progress(done, total)
@@ -98,17 +98,17 @@ def make_clip(
     return Clip(folder, width, height, kept[0].size, frames, tuple(notes))
 
 
-def _is_within(time_s: float, selection: Selection) -> bool:
+def is_within(time_s: float, selection: Selection) -> bool:
     return selection.start_s <= time_s and (selection.end_s is None or time_s <= selection.end_s)
 
 
 def _ticks(within: list[float], selection: Selection) -> Callable[[float], int]:
-    """Which frame of the clip a time falls to: by the rate, else so that `max_frames` are spread over all times."""
+    """Which frame of the clip a time falls to: by the rate, else so that `most_frames` are spread over all times."""
     rate = selection.rate
     if rate is not None:
         return lambda time_s: int((time_s - selection.start_s) * rate)
     # Found again by their rank: a video's decoder may round times otherwise than its index.
-    return lambda time_s: bisect_left(within, time_s - 1e-6) * selection.max_frames // len(within)
+    return lambda time_s: bisect_left(within, time_s - 1e-6) * selection.most_frames // len(within)
 
 
 def _sharpest(
@@ -122,7 +122,7 @@ def _sharpest(
     best: tuple[float, Picture, NDArray[np.uint8]] | None = None
     tick, written = None, 0
     for picture in pictures:
-        if not _is_within(picture.time_s, selection):
+        if not is_within(picture.time_s, selection):
             if picture.time_s < selection.start_s:
                 continue
             break

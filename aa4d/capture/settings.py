@@ -6,20 +6,30 @@ from dataclasses import dataclass
 from typing import Literal
 
 USUAL_FPS = 30.0
+USUAL_MOST_FRAMES = 150
 
 
 @dataclass(frozen=True)
 class Selection:
     """Which frames of the input are used."""
 
-    rate: float | None = None  # frames per second to keep; None: as many as `max_frames` allows
+    rate: float | None = None  # frames per second to keep; None: as many as `most_frames` allows
     start_s: float = 0.0
     end_s: float | None = None
-    max_frames: int = 150
+    max_frames: int | None = None  # None: USUAL_MOST_FRAMES
     source_fps: float | None = None  # of a folder of frames, which does not say it: None is USUAL_FPS
     longest_px: int = 1600  # frames are made smaller than that
     blurred_below: float = 0.35  # share of its neighbours' sharpness below which a frame is left out; 0: none is
     duplicate_below: float = 0.4  # mean grey-level difference from the frame before; 0: only identical ones
+
+    @property
+    def most_frames(self) -> int:
+        return USUAL_MOST_FRAMES if self.max_frames is None else self.max_frames
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nobody has said which frames to use."""
+        return self.rate is None and self.start_s == 0 and self.end_s is None and self.max_frames is None
 
     @property
     def folder_fps(self) -> float:

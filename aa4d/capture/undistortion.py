@@ -17,6 +17,7 @@ from aa4d.capture.pictures import read_picture
 from aa4d.capture.reader import PinholeCamera
 
 Floats = NDArray[np.float64]
+OUTLINE_POINTS = 9  # on each edge of a box: under distortion it is no rectangle
 
 
 def pinhole_of(cameras: list[Any], size_px: int) -> PinholeCamera:
@@ -96,6 +97,27 @@ def pinhole_pixels(camera: Any, pinhole: PinholeCamera, pixels: Floats) -> Float
     rays: Floats = np.asarray(camera.cam_from_img(pixels))
     on_picture: Floats = rays * [pinhole.K[0, 0], pinhole.K[1, 1]] + [pinhole.K[0, 2], pinhole.K[1, 2]]
     return on_picture
+
+
+def pinhole_boxes(camera: Any, pinhole: PinholeCamera, boxes: Floats, source_size: tuple[int, int]) -> Floats:
+    """[M, 4] left, top, right, bottom in the pinhole picture: around what the boxes' outlines become there.
+
+    Args:
+        boxes: [M, 4] left, top, width, height in a picture of `source_size` (width, height) by the COLMAP camera. What
+            lies outside of the picture is cut off first: the lens is not known there.
+    """
+    edges = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
+    edges = np.clip(edges, 0, np.array([*source_size, *source_size])) * (
+        np.array([camera.width, camera.height] * 2) / np.array([*source_size, *source_size])
+    )
+    along = np.linspace(0, 1, OUTLINE_POINTS)
+    x = edges[:, :1] + along * (edges[:, 2:3] - edges[:, :1])
+    y = edges[:, 1:2] + along * (edges[:, 3:] - edges[:, 1:2])
+    left, top, right, bottom = (np.repeat(edges[:, [k]], OUTLINE_POINTS, axis=1) for k in range(4))
+    outline = np.stack([np.concatenate([x, x, left, right], axis=1), np.concatenate([top, bottom, y, y], axis=1)], -1)
+    seen = pinhole_pixels(camera, pinhole, outline.reshape(-1, 2)).reshape(len(boxes), 4 * OUTLINE_POINTS, 2)
+    around = np.concatenate([seen.min(axis=1), seen.max(axis=1)], axis=1)
+    return np.clip(around, 0, [pinhole.width, pinhole.height] * 2)
 
 
 def viewmat_of(image: Any) -> Floats:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
 from aa4d import __version__
-from aa4d.capture.reader import CAPTURE_VERSION, FARTHEST_M, PinholeCamera
+from aa4d.capture.reader import BOXES, CAPTURE_VERSION, FARTHEST_M, Boxes, PinholeCamera
 from aa4d.files import whole_file, write_json, write_text
 
 HELD_OUT_EVERY = 8
@@ -48,6 +48,7 @@ def write_capture(
     shots: list[Shot],
     cloud: Cloud,
     generator: dict[str, Any],
+    boxes: Boxes | None = None,
 ) -> None:
     """Fill `out` from the undistorted `pictures` (NAME.png, and NAME.mask.png where there are masks)."""
     for kind, suffix in (("frames", ".png"), ("movers", ".mask.png")):
@@ -58,6 +59,10 @@ def write_capture(
             if source.is_file():
                 folder.mkdir(exist_ok=True)
                 _link(source, folder / f"{shot.name}.png")
+    if boxes is not None:
+        (out / BOXES).parent.mkdir(exist_ok=True)
+        with whole_file(out / BOXES) as temporary:
+            np.savez(temporary, frame=boxes.frame, target=boxes.target, box_px=boxes.box_px, category=boxes.category)
     near = (np.abs(cloud.positions) < FARTHEST_M).all(axis=1)
     _write_points(out / "points.ply", cloud.positions[near], cloud.colors[near])
     _write_transforms(out / "transforms.json", camera, shots)

@@ -35,11 +35,13 @@ def capture(
         arg(help="accurate: more features, pairs and adjustment, for footage that fast does not register."),
     ] = "fast",
     rate: Annotated[
-        float | None, arg(metavar="FLOAT", help="Frames a second to use; by default as many as --max-frames allows.")
+        float | None, arg(metavar="FLOAT", help="Frames a second to use; by default so that movers can be followed.")
     ] = None,
     start: Annotated[float, arg(help="Second of the input to begin at.")] = 0.0,
     end: Annotated[float | None, arg(metavar="FLOAT", help="Second of the input to end at.")] = None,
-    max_frames: Annotated[int, arg(help="Frames to use at most, evenly over the range.")] = 150,
+    max_frames: Annotated[
+        int | None, arg(metavar="INT", help="Frames to use at most, evenly over the range; by default 150.")
+    ] = None,
     fps: Annotated[
         float | None,
         arg(metavar="FLOAT", help="Frames a second that a folder of frames was filmed with; by default 30."),

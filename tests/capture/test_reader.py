@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aa4d.capture.reader import moving_mask, read_capture, read_image, read_images
+from aa4d.capture.reader import boxes_of, moving_mask, read_capture, read_image, read_images
 from aa4d.errors import InputError
 
 
@@ -144,3 +144,41 @@ def test_a_folder_that_is_no_capture_is_refused(tmp_path: Path) -> None:
         read_capture(tmp_path / "absent")
     with pytest.raises(InputError, match=r"no capture\.json"):
         read_capture(tmp_path)
+
+
+def store_boxes(folder: Path, **changed: object) -> None:
+    arrays = {
+        "frame": np.array([1, 1]),
+        "target": np.array([4, -1]),
+        "box_px": np.array([[1.0, 2, 10, 12], [0, 0, 5.5, 4]]),
+        "category": np.array(["car", ""]),
+    }
+    (folder / "movers").mkdir(exist_ok=True)
+    np.savez(folder / "movers/boxes.npz", **(arrays | changed))
+
+
+def test_boxes_are_read_and_a_capture_without_them_has_none(toy_capture: Path) -> None:
+    capture = read_capture(toy_capture)
+    assert boxes_of(capture) is None
+    store_boxes(toy_capture)
+    boxes = boxes_of(capture)
+    assert boxes is not None
+    assert (boxes.target.tolist(), boxes.category.tolist()) == ([4, -1], ["car", ""])
+    assert np.array_equal(boxes.box_px, [[1, 2, 10, 12], [0, 0, 5.5, 4]])
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"frame": np.array([1, 99])}, "box 1 is of frame 99, and there are"),
+        ({"target": np.array([4])}, "array 'target' is int64 of shape \\(1,\\), expected shape \\(2,\\)"),
+        ({"box_px": np.array([[1.0, 2, 10, 12], [5, 0, 5, 4]])}, "box 1 is no rectangle in the frame"),
+        ({"box_px": np.array([[1.0, 2, 10, np.nan], [0, 0, 5, 4]])}, "box 0 is no rectangle in the frame"),
+        ({"box_px": np.array([[1.0, 2, 10, 12], [0, 0, 5, 4000]])}, "box 1 is no rectangle in the frame"),
+        ({"category": np.array([{}, {}], object)}, "array 'category' cannot be read"),
+    ],
+)
+def test_boxes_of_another_kind_are_refused(toy_capture: Path, changed: dict[str, object], says: str) -> None:
+    store_boxes(toy_capture, **changed)
+    with pytest.raises(InputError, match=says):
+        boxes_of(read_capture(toy_capture))

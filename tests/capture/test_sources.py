@@ -15,7 +15,7 @@ from aa4d.capture.clip import Clip, ClipFrame
 from aa4d.capture.intrinsics import check_intrinsics
 from aa4d.capture.make import make_capture
 from aa4d.capture.movers import box_mask, write_masks
-from aa4d.capture.reader import PinholeCamera, moving_mask, read_capture
+from aa4d.capture.reader import PinholeCamera, boxes_of, moving_mask, read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.sources import open_source
 from aa4d.capture.sources.posed import same_shape
@@ -46,6 +46,21 @@ def test_genuine_uavdt_files(sequence: str) -> None:
     frame = int(np.median(table[:, 0]))
     expected = table[table[:, 0] == frame][:, 2:6]
     assert np.array_equal(read.of(frame), expected)
+    targets = np.concatenate([read.targets[number] for number in sorted(read.targets)])
+    assert np.array_equal(np.sort(targets), np.sort(table[:, 1]))
+    assert np.array_equal(read.targets[frame], table[table[:, 0] == frame][:, 1])
+    assert read.follows
+    # One target is one object: it has one category, and one box a frame, which overlaps with the next frame's.
+    assert set(np.concatenate(list(read.categories.values()))) <= {"car", "truck", "bus"}
+    target = int(np.bincount(table[:, 1].astype(int)).argmax())
+    followed = {n: read.boxes[n][read.targets[n] == target] for n in sorted(read.boxes)}
+    followed = {n: b[0] for n, b in followed.items() if len(b) == 1}
+    assert len(followed) == (table[:, 1] == target).sum()
+    moved = [np.abs(followed[n + 1][:2] - b[:2]).max() / b[2:].max() for n, b in followed.items() if n + 1 in followed]
+    assert np.percentile(moved, 99) < 0.5
+    # The file of evaluation has the same targets, and no category.
+    scored = read_annotations(GENUINE / f"{sequence}_gt.txt", numbers)
+    assert set(np.concatenate(list(scored.categories.values()))) == {""}
     with pytest.raises(InputError, match=r"ignore\.txt: holds regions to be ignored, not movers; .* \(M\d+_gt_whole"):
         read_annotations(GENUINE / f"{sequence}_gt_ignore.txt", numbers)
 
@@ -66,12 +81,18 @@ def test_visdrone_rows_in_its_published_format(tmp_path: Path) -> None:
     # Category 0 is a region that nobody has annotated, no mover.
     assert np.array_equal(read.of(1), [[10, 20, 30, 40]])
     assert np.array_equal(read.of(2), [[11, 21, 30, 40], [5, 6, 7, 8]])
+    assert (read.targets[2].tolist(), read.categories[2].tolist()) == ([0, 3], ["car", "pedestrian"])
+    file.write_text("1,-1,10,20,30,40,1,4,0,0\n")
+    read = read_annotations(file, [1])
+    assert (read.targets[1].tolist(), read.follows) == ([-1], False)
 
 
 def test_boxes_without_size_are_left_out_and_counted(tmp_path: Path) -> None:
     (tmp_path / "one.txt").write_text("1,2,3,4\n0,0,0,0\n5,6,7,8\n")
     read = read_annotations(tmp_path / "one.txt", [1, 2, 3])
     assert (sorted(read.boxes), read.empty) == ([1, 3], 1)
+    assert [read.targets[number].tolist() for number in (1, 3)] == [[1], [1]]  # one object is followed
+    assert not read.follows  # and the others are not
     (tmp_path / "none.txt").write_text("1,7,10,20,0,0,1,1,1\n")
     read = read_annotations(tmp_path / "none.txt", [1])
     assert (read.boxes, read.empty) == ({}, 1)
@@ -134,7 +155,7 @@ def test_a_range_without_any_box_is_told(tmp_path: Path) -> None:
         (50, [f"{tmp_path / 'gt.txt'} has boxes for 0 of the 2 frames used: in the others no mover is masked"]),
         (2, []),
     ):
-        boxes = Annotations(tmp_path / "gt.txt", "UAVDT", {number: np.array([[100.0, 100, 40, 20]])})
+        boxes = Annotations(tmp_path / "gt.txt", "UAVDT", {number: np.array([[100.0, 100, 40, 20]])}, {}, {})
         (tmp_path / str(number)).mkdir()
         assert write_masks(clip, boxes, tmp_path / str(number), lambda *_: None).notes == notes
 
@@ -178,6 +199,15 @@ def test_visdrone_layout_masks_the_boxes(tmp_path: Path) -> None:
         columns = np.nonzero(mask.any(axis=0))[0]
         middle = (columns.min() + columns.max()) / 2
         assert middle == pytest.approx((30 * (i + 1) + 20) * scale, abs=4)
+    boxes = boxes_of(capture)
+    assert boxes is not None
+    assert (boxes.frame.tolist(), boxes.target.tolist(), set(boxes.category)) == ([0, 1, 2, 3, 4], [0] * 5, {"car"})
+    middles = 0.5 * (boxes.box_px[:, :2] + boxes.box_px[:, 2:])
+    K = capture.camera.K
+    expected = [K[0, 2] + (30 * (i + 1) + 20 - 160) * scale for i in range(5)]  # the town has no distortion
+    assert np.allclose(middles[:, 0], expected, atol=2)
+    assert np.allclose(boxes.box_px[:, 2] - boxes.box_px[:, 0], 40 * scale, rtol=0.05)
+    assert "movers/boxes.npz" in json.loads((made.folder / "work/capture/done.json").read_text())["result"]["files"]
 
 
 def test_uavdt_layout_is_recognised(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from aa4d.capture.orientation import (
     umeyama,
     viewing_distance,
 )
-from aa4d.capture.undistortion import Undistortion, pinhole_of, pinhole_pixels
+from aa4d.capture.undistortion import Undistortion, pinhole_boxes, pinhole_of, pinhole_pixels
 from aa4d.capture.workspace import Workspace
 from tests.capture import aerial
 
@@ -234,6 +234,21 @@ def test_undistortion_keeps_straight_what_is_straight_at_its_true_place() -> Non
     seen = camera.img_from_cam(rays)
     assert (seen >= -1e-3).all()
     assert (seen <= [640.001, 480.001]).all()
+
+
+def test_boxes_are_undistorted_as_the_pictures_are() -> None:
+    """The mask of a box, undistorted as a picture is, fills what the box becomes; cut off where the frame ends."""
+    camera = pycolmap.Camera(model="SIMPLE_RADIAL", width=640, height=480, params=[500.0, 320, 240, -0.15])
+    pinhole = pinhole_of([camera], 480)
+    boxes = np.array([[40.0, 60, 120, 80], [500, 380, 100, 60], [300, 220, 40, 40], [-50, -50, 30, 30]])
+    mapped = pinhole_boxes(camera, pinhole, boxes / 2, (320, 240))  # of a source of half the size
+    for (left, top, width, height), box in zip(boxes[:3].astype(int), mapped[:3], strict=True):
+        mask = np.zeros((480, 640), np.uint8)
+        mask[top : top + height, left : left + width] = 255
+        rows, columns = np.nonzero(Undistortion(camera, pinhole).mask(mask))
+        around = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+        assert np.allclose(box, around, atol=1.5)
+    assert mapped[3, 0] == mapped[3, 2]  # nothing of it is seen
 
 
 def test_a_pinhole_camera_is_left_as_it_is() -> None:

@@ -28,6 +28,12 @@ class Source:
     annotations: Annotations | None = None
     posed: PosedPictures | None = None  # where the cameras are known already
     focal_share: float | None = None  # focal length over the longest side, where EXIF has it
+    # Of a source whose `pictures` can be gone through once: those from a second on, again.
+    again: Callable[[float], Iterable[Picture]] | None = None
+
+    def pictures_from(self, start_s: float) -> Iterable[Picture]:
+        """To look at some; `pictures` stays untouched. Earlier ones may come first."""
+        return self.pictures if self.again is None else self.again(start_s)
 
 
 def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:

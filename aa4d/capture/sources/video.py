@@ -37,7 +37,14 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     if subtitles is not None and track is None:
         notes.append(f"{subtitles.name} holds no usable position and is not used")
     files = (path,) if subtitles is None else (path, subtitles)
-    return Source("video", _frames(path, selection, track, index, notes), lambda: index().times_s, files, notes)
+    return Source(
+        "video",
+        _frames(path, selection.start_s, track, index, notes),
+        lambda: index().times_s,
+        files,
+        notes,
+        again=lambda start_s: _frames(path, start_s, track, index, []),
+    )
 
 
 @dataclass(frozen=True)
@@ -91,7 +98,7 @@ def _index(path: Path, notes: list[str]) -> Index:
 
 
 def _frames(
-    path: Path, selection: Selection, track: Track | None, index: Callable[[], Index], notes: list[str]
+    path: Path, start_s: float, track: Track | None, index: Callable[[], Index], notes: list[str]
 ) -> Iterator[Picture]:
     """Decode in presentation order; where the data end early, what was decoded is used and a note says so."""
     import av
@@ -101,7 +108,7 @@ def _frames(
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
-            for frame in _decoded_from(selection.start_s + first, container, stream):
+            for frame in _decoded_from(start_s + first, container, stream):
                 last = float(frame.pts * (frame.time_base or 0)) - first
                 position = None if track is None else track.at(last)
                 yield Picture(f"{last:.3f} s", last, None, _loader(frame), position=position)
