@@ -150,14 +150,12 @@ def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
     truth = capture.frames[index].truth
     if truth is None or capture.tracks is None:
         return _movers(capture, index)
-    instance_id = _array(capture.folder / truth, "instance_id")
+    instance_id = instance_ids_of(capture, index)
     tracks = capture.folder / capture.tracks
     ids, moving = _array(tracks, "instance_id"), _array(tracks, "moving")
-    expected = (capture.camera.height, capture.camera.width)
-    if instance_id.shape != expected:
-        raise InputError(f"{capture.folder / truth}: instance_id has shape {instance_id.shape}, expected {expected}")
     if moving.shape != (len(capture.frames), len(ids)):
         raise InputError(f"{tracks}: moving has shape {moving.shape}, expected {(len(capture.frames), len(ids))}")
+    assert instance_id is not None
     return np.isin(instance_id, ids[moving[index]])
 
 
@@ -178,14 +176,23 @@ def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
 
 def depth_of(capture: Capture, index: int) -> NDArray[np.float32] | None:
     """depth_z of a frame, [H, W] metres; None where the capture has no truth."""
+    return _truth(capture, index, "depth_z")
+
+
+def instance_ids_of(capture: Capture, index: int) -> NDArray[np.uint32] | None:
+    """instance_id of a frame, [H, W], 0 for the world; None where the capture has no truth."""
+    return _truth(capture, index, "instance_id")
+
+
+def _truth(capture: Capture, index: int, name: str) -> NDArray[Any] | None:
     truth = capture.frames[index].truth
     if truth is None:
         return None
-    depth = _array(capture.folder / truth, "depth_z")
+    value = _array(capture.folder / truth, name)
     expected = (capture.camera.height, capture.camera.width)
-    if depth.shape != expected:
-        raise InputError(f"{capture.folder / truth}: depth_z has shape {depth.shape}, expected {expected}")
-    return depth
+    if value.shape != expected:
+        raise InputError(f"{capture.folder / truth}: {name} has shape {value.shape}, expected {expected}")
+    return value
 
 
 def _array(path: Path, name: str) -> NDArray[Any]:
