@@ -24,8 +24,9 @@ def ride(
     radians over the clip. The field stops moving anchors and their Gaussians, so that the groups alone do.
     """
     model, n = loaded.model, len(shown)
-    for parameter in (*model.head_position.output.parameters(), *model.dlgd_offset.parameters()):
-        torch.nn.init.zeros_(parameter)
+    for part in (model.head_position.output, model.dlgd_offset, model.dlgd_scale):
+        for parameter in part.parameters():
+            torch.nn.init.zeros_(parameter)
     # A spline of evenly spaced control points is a straight line: control k stands for t = (k - 1) / (C - 3).
     t = (torch.arange(CONTROLS) - 1) / (CONTROLS - 3)
     start, end = (torch.tensor([*square_centre(x), 0.0]) for x in (0.0, 1.0))

@@ -108,7 +108,7 @@ def map_figure(loaded: LoadedModel, paths: list[Trajectory]) -> Figure:
         axes.plot(ways[:, 0], ways[:, 1], color=path.color, lw=1.3)
         for end, marker in ((shown[0], "o"), (shown[-1], "s")):
             fill = "none" if marker == "o" else path.color
-            axes.plot(*path.position_m[end, :2], marker, ms=5, color=path.color, mfc=fill)
+            axes.plot(*path.position_m[end, :2], marker, ms=5 if path.name else 2, color=path.color, mfc=fill)
         if path.forward is not None:
             at = shown[np.linspace(0, len(shown) - 1, HEADINGS).round().astype(int)]
             arrows = path.forward[at, :2] * ARROW_M
