@@ -173,11 +173,12 @@ def moving_mask(capture: Capture, index: int) -> NDArray[np.bool_] | None:
     truth = capture.frames[index].truth
     if truth is None or capture.tracks is None:
         return _movers(capture, index)
-    instance_id = instance_ids(capture, index)
+    instance_id = instance_ids_of(capture, index)
     tracks = capture.folder / capture.tracks
     ids, moving = read_array(tracks, "instance_id"), read_array(tracks, "moving")
     if moving.shape != (len(capture.frames), len(ids)):
         raise InputError(f"{tracks}: moving has shape {moving.shape}, expected {(len(capture.frames), len(ids))}")
+    assert instance_id is not None
     return np.isin(instance_id, ids[moving[index]])
 
 
@@ -211,17 +212,6 @@ def object_tracks(capture: Capture) -> ObjectTracks | None:
         raise InputError(f"{path}: object_to_world holds NaN or infinity; make the capture again")
     names = tuple(capture.instance_names.get(int(i), f"instance {i}") for i in ids)
     return ObjectTracks(names, ids, poses, moving, present)
-
-
-def instance_ids(capture: Capture, index: int) -> NDArray[np.uint32]:
-    """instance_id of a frame that has truth, [H, W]. Raises InputError for a damaged or missing file."""
-    truth = capture.frames[index].truth
-    path = capture.folder / (truth or "truth")
-    ids = read_array(path, "instance_id")
-    expected = (capture.camera.height, capture.camera.width)
-    if ids.shape != expected:
-        raise InputError(f"{path}: instance_id has shape {ids.shape}, expected {expected}")
-    return ids
 
 
 def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
@@ -277,14 +267,23 @@ def boxes_of(capture: Capture) -> Boxes | None:
 
 def depth_of(capture: Capture, index: int) -> NDArray[np.float32] | None:
     """depth_z of a frame, [H, W] metres; None where the capture has no truth."""
+    return _truth(capture, index, "depth_z")
+
+
+def instance_ids_of(capture: Capture, index: int) -> NDArray[np.uint32] | None:
+    """instance_id of a frame, [H, W], 0 for the world; None where the capture has no truth."""
+    return _truth(capture, index, "instance_id")
+
+
+def _truth(capture: Capture, index: int, name: str) -> NDArray[Any] | None:
     truth = capture.frames[index].truth
     if truth is None:
         return None
-    depth = read_array(capture.folder / truth, "depth_z")
+    value = read_array(capture.folder / truth, name)
     expected = (capture.camera.height, capture.camera.width)
-    if depth.shape != expected:
-        raise InputError(f"{capture.folder / truth}: depth_z has shape {depth.shape}, expected {expected}")
-    return depth
+    if value.shape != expected:
+        raise InputError(f"{capture.folder / truth}: {name} has shape {value.shape}, expected {expected}")
+    return value
 
 
 def read_array(path: Path, name: str) -> NDArray[Any]:

@@ -64,6 +64,8 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
         table.add_row(f"LPIPS ({network})", f"{value:.4f}", "")
     for network in metrics["lpips_not_measured"]:
         table.add_row(f"LPIPS ({network})", "not measured", "")
+    for label, value, beside in motion_rows(metrics):
+        table.add_row(label, value, beside)
     table.add_row("PSNR of training frames", db(metrics["psnr_training"]), "")
     width, height = metrics["resolution"]
     where = "GPU" if metrics["device"] == "cuda" else f"{metrics['threads']} thread(s)"
@@ -72,3 +74,28 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     table.add_row("anchors / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")
     return table
+
+
+def motion_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Of the table: label, value, value where nothing but the camera moves. What was not measured has no row."""
+
+    def px(value: float | None) -> str:
+        return "" if value is None else f"{value:.2f} px"
+
+    rows = []
+    if metrics["motion_epe_px"] is not None:
+        rows.append(("motion, end-point error", px(metrics["motion_epe_px"]), px(metrics["motion_epe_px_static"])))
+        rows.append(("motion, end-point error, median", px(metrics["motion_epe_px_median"]), ""))
+    if metrics["travel_ratio"] is not None:
+        label = f"drawn travel / true travel ({metrics['travel_instances']} instances)"
+        rows.append((label, f"{100 * metrics['travel_ratio']:.0f} %", "0 %"))
+    if metrics["groups"]:
+        found = f"{metrics['groups_matched']} of {metrics['moving_instances']} moving instances"
+        known = metrics["moving_instances"] is not None
+        rows.append(("rigid groups", f"{metrics['groups']}" + (f", {found}" if known else ""), ""))
+    if metrics["group_error_m"] is not None:
+        rows.append(("error of their trajectories, median", f"{metrics['group_error_m']:.2f} m", ""))
+    if metrics["flow_agreement_px"] is not None:
+        beside = px(metrics["flow_agreement_px_static"])
+        rows.append(("motion against optical flow, median", px(metrics["flow_agreement_px"]), beside))
+    return rows

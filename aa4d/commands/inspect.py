@@ -17,7 +17,7 @@ def inspect(
     ] = None,
     out: Annotated[Path | None, arg(metavar="PATH", help="Folder for the page. By default RUN/inspect.")] = None,
 ) -> None:
-    """Look inside a model: aggregation weights over time and on frames, coordinate warp, growth of the anchors."""
+    """Look inside a model: aggregation weights, trajectories, coordinate warp, growth of the anchors."""
     from aa4d.inspection.page import inspect as run_inspection
 
     with step_progress("pictures") as progress:

@@ -34,10 +34,11 @@ def render(
         str | None, arg(metavar="NAME", help="Freeze the camera at the frame of this name: time alone runs.")
     ] = None,
     layers: Annotated[
-        tuple[Literal["color", "depth", "alpha", "activity", "motion"], ...],
+        tuple[Literal["color", "depth", "alpha", "activity", "motion", "speed", "movers"], ...],
         arg(
             help="What to draw. activity: how much of an anchor's aggregation weight lies on planes with time. motion: "
-            "how far an anchor is from its canonical place."
+            "how far an anchor is from its canonical place. speed: in metres a second. movers: each rigid group in a "
+            "colour of its own."
         ),
     ] = ("color",),
     video: Annotated[bool, arg(help="Write an MP4 of each layer as well.")] = True,

@@ -22,6 +22,7 @@ from aa4d.evaluation.activity import PooledError, activity_labels
 from aa4d.evaluation.image_metrics import StructuralSimilarity, psnr
 from aa4d.evaluation.lpips import Network
 from aa4d.evaluation.lpips_weights import Perceptual, obtain
+from aa4d.evaluation.motion import MotionScores, measure_motion, motion_steps
 from aa4d.evaluation.plots import plot_psnr
 from aa4d.evaluation.speed import TIMED_FRAMES, WARM_UP_FRAMES, measure_speed, neural_mib
 from aa4d.evaluation.views import render_frame
@@ -30,6 +31,18 @@ from aa4d.model_file import LoadedModel, load_model
 
 TRAINING_FRAMES = 32  # at most so many of them are scored, evenly over time, for the gap to the held-out ones
 BEST_DB = 100.0  # what identical images count as
+MOTION_PICTURE = "motion.png"
+
+
+class Steps:
+    """A count for whoever waits."""
+
+    def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def next(self) -> None:
+        self._done += 1
+        self._progress(self._done, self._total)
 
 
 @dataclass(frozen=True)
@@ -67,6 +80,7 @@ class Metrics:
     psnr_activity: dict[str, float]  # by activity class, errors pooled over the frames; empty without truth
     psnr_activity_static: dict[str, float]  # likewise, the coarse stage
     activity_share: dict[str, float]  # of the pixels with activity truth
+    motion: MotionScores  # its keys stand beside these in the file
     psnr_training: float  # over training frames: how much of the quality is memory
     fps: float
     warm_up_frames: int
@@ -83,7 +97,8 @@ class Metrics:
     training_frames: tuple[TrainingFrameScore, ...]
 
     def as_json(self) -> dict[str, Any]:
-        return asdict(self)
+        values = asdict(self)
+        return values | values.pop("motion")
 
 
 def evaluate(
@@ -118,6 +133,7 @@ def evaluate(
     training = _spread(capture.of_split("train"), TRAINING_FRAMES)
     out = run / "eval"
     make_folder(out)
+    steps = Steps(progress, len(held_out) + len(training) + motion_steps(loaded, capture))
 
     scores, static_psnrs = [], []
     by_class, by_class_static = PooledError(), PooledError()
@@ -138,11 +154,16 @@ def evaluate(
             if frozen is not None:
                 by_class_static.add(frozen, truth, labels)
         scores.append(_score(capture, index, truth, image, frozen, perceptual))
-        progress(len(scores), len(held_out) + len(training))
+        steps.next()
     training_scores = []
     for index in training:
         training_scores.append(_score_training(loaded, capture, index))
-        progress(len(scores) + len(training_scores), len(held_out) + len(training))
+        steps.next()
+    motion = measure_motion(loaded, static, capture, steps.next)
+    if motion.picture is None:
+        (out / MOTION_PICTURE).unlink(missing_ok=True)
+    else:
+        save_png(out / MOTION_PICTURE, motion.picture)
 
     speed = measure_speed(loaded, capture)
     metrics = Metrics(
@@ -157,6 +178,7 @@ def evaluate(
         psnr_activity=_capped_all(by_class.psnr()),
         psnr_activity_static=_capped_all(by_class_static.psnr()),
         activity_share=by_class.share(),
+        motion=motion.scores,
         psnr_training=statistics.fmean(s.psnr for s in training_scores),
         fps=speed.fps,
         warm_up_frames=WARM_UP_FRAMES,

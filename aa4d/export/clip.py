@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from aa4d.filming.camera_path import CameraPath
 from aa4d.model_file import LoadedModel
+from aa4d.raster.types import Gaussians
 
 FAINTEST = 1 / 255  # opacity below which no rasteriser draws a Gaussian: left out
 Array = NDArray[np.float64]
@@ -31,6 +32,7 @@ class WorldGaussians:
     scales: Array  # [N, 3] standard deviations, metres
     opacities: Array  # [N] in [FAINTEST, 1]
     colors: Array  # [N, 3] sRGB in [0, 1]
+    group: NDArray[np.int32] | None = None  # [N] the rigid group that it rides on, -1: the world; None: no groups
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,33 @@ class Clip:
         return index / self.path.fps
 
     def gaussians(self, index: int) -> WorldGaussians:
-        view = self.path.views[index]
-        eye = view.centre() if self.eye is None else self.eye
-        gaussians = world_gaussians(self.loaded, view.t, eye)
+        gaussians = world_gaussians(self.loaded, self.path.views[index].t, self._eye(index))
         return gaussians if self.axes == "world" else turned(gaussians, VIEWER)
+
+    def velocities(self, index: int, ids: NDArray[np.int64]) -> Array:
+        """[N, 3] of the Gaussians `ids` in a view, metres a second of the clip's own clock, along its axes.
+
+        Measured over half a view to each side, of which the first and the last view have one: a path that slows time
+        down slows what moves in it, and one that freezes it freezes them.
+        """
+        t, last = [view.t for view in self.path.views], len(self) - 1
+        before, after = max(index - 0.5, 0.0), min(index + 0.5, float(last))
+        if self.loaded.is_static or after == before:
+            return np.zeros((len(ids), 3))
+        views = np.arange(last + 1)
+        first, second = (
+            decoded_means(self.loaded, float(np.interp(place, views, t)), self._eye(index))[ids]
+            for place in (before, after)
+        )
+        velocity = (second - first) * (self.path.fps / (after - before))
+        return velocity if self.axes == "world" else np.asarray(VIEWER.apply(velocity))
+
+    def group_names(self) -> tuple[str, ...]:
+        groups = self.loaded.model.groups
+        return () if groups is None else groups.names
+
+    def _eye(self, index: int) -> Array:
+        return self.path.views[index].centre() if self.eye is None else self.eye
 
 
 def mean_eye(path: CameraPath) -> Array:
@@ -73,20 +98,17 @@ def turned(gaussians: WorldGaussians, rotation: Rotation) -> WorldGaussians:
 def world_gaussians(loaded: LoadedModel, t: float, eye_m: Array) -> WorldGaussians:
     """All Gaussians at time t that are not too faint to draw, out of view or not, as seen from `eye_m` [3] metres.
 
-    The model's frame is a uniform scale and a translation of the world: scales follow it, rotations do not change.
+    Those of a group that is not there at t have no opacity, so they are not among them. The model's frame is a uniform
+    scale and a translation of the world: scales follow it, rotations do not change.
     """
-    model, frame = loaded.model, loaded.frame
-    viewmat = np.eye(4)
-    viewmat[:3, 3] = -eye_m
-    with torch.no_grad():
-        # Of a camera the decoder takes the place alone.
-        camera = frame.camera(viewmat, np.eye(3), 1, 1)
-        decoded = model.gaussians(None if loaded.is_static else t, camera)
+    frame, member = loaded.frame, loaded.model.anchors.group
+    decoded = _decoded(loaded, t, eye_m)
     opacities = decoded.opacities.double().numpy()
     drawn = np.flatnonzero(opacities >= FAINTEST)
     quaternions = decoded.quaternions.double().numpy()[drawn]
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     quaternions = np.where(length > 1e-12, quaternions / np.maximum(length, 1e-12), [1.0, 0.0, 0.0, 0.0])
+    offsets = loaded.model.anchors.offset.shape[1]
     return WorldGaussians(
         ids=drawn,
         means=decoded.means.double().numpy()[drawn] * frame.unit_m + frame.origin_m,
@@ -94,4 +116,19 @@ def world_gaussians(loaded: LoadedModel, t: float, eye_m: Array) -> WorldGaussia
         scales=decoded.scales.double().numpy()[drawn] * frame.unit_m,
         opacities=opacities[drawn],
         colors=decoded.colors.double().numpy()[drawn],
+        group=None if member is None else member.numpy()[drawn // offsets].astype(np.int32),
     )
+
+
+def decoded_means(loaded: LoadedModel, t: float, eye_m: Array) -> Array:
+    """[N, 3] metres: the centre of every Gaussian at time t, drawn or not; a row is its id."""
+    return _decoded(loaded, t, eye_m).means.double().numpy() * loaded.frame.unit_m + loaded.frame.origin_m
+
+
+def _decoded(loaded: LoadedModel, t: float, eye_m: Array) -> Gaussians:
+    viewmat = np.eye(4)
+    viewmat[:3, 3] = -eye_m
+    with torch.no_grad():
+        # Of a camera the decoder takes the place alone.
+        camera = loaded.frame.camera(viewmat, np.eye(3), 1, 1)
+        return loaded.model.gaussians(None if loaded.is_static else t, camera)

@@ -21,15 +21,22 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
 
 
 def write_point_ply(path: Path, gaussians: WorldGaussians) -> None:
-    """Positions in metres, 8-bit sRGB colours, opacity in [0, 1] and the mean radius of one standard deviation."""
+    """Positions in metres, 8-bit sRGB colours, opacity in [0, 1] and the mean radius of one standard deviation.
+
+    Of a model with rigid groups also the group of each point, -1 for the world's.
+    """
     g = gaussians
     floats, bytes_ = ("x", "y", "z"), ("red", "green", "blue")
     layout = [(n, "f4") for n in floats] + [(n, "u1") for n in bytes_] + [("opacity", "f4"), ("radius", "f4")]
+    if g.group is not None:
+        layout.append(("group", "i4"))
     vertex = np.empty(len(g.means), dtype=layout)
     for name, column in zip(floats, g.means.T, strict=True):
         vertex[name] = column
     for name, column in zip(bytes_, (g.colors * 255).round().T, strict=True):
         vertex[name] = column
     vertex["opacity"], vertex["radius"] = g.opacities, g.scales.mean(axis=1)
+    if g.group is not None:
+        vertex["group"] = g.group
     with whole_file(path) as temporary:
         PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(temporary))

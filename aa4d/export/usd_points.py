@@ -18,6 +18,9 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     """`out`/points.usdc: the centres of the Gaussians as UsdGeomPoints, a time sample for each view.
 
     World is z up and in metres; a width is twice the mean standard deviation; colours are linear, as USD wants them.
+    Velocities are in metres a second, by which a reader moves the points between samples: their number changes.
+    Of a model with rigid groups `primvars:group` is the group of each point, -1 for the world's, and
+    `primvars:groupNames` the names of the groups.
     """
     path = out / NAME
     if path.exists():
@@ -38,21 +41,31 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
         primvars = UsdGeom.PrimvarsAPI(points)
         color = primvars.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
         opacity = primvars.CreatePrimvar("displayOpacity", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
+        group = None
+        if clip.group_names():
+            group = primvars.CreatePrimvar("group", Sdf.ValueTypeNames.IntArray, UsdGeom.Tokens.vertex)
+            names = primvars.CreatePrimvar("groupNames", Sdf.ValueTypeNames.StringArray, UsdGeom.Tokens.constant)
+            names.Set(Vt.StringArray(clip.group_names()))
+            del names
         for index in range(len(clip)):
             g = clip.gaussians(index)
             centres = g.means.astype(np.float32)
             widths = (2 * g.scales.mean(axis=1)).astype(np.float32)
             points.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(centres), index)
             points.CreateWidthsAttr().Set(Vt.FloatArray.FromNumpy(widths), index)
+            velocities = clip.velocities(index, g.ids).astype(np.float32)
+            points.CreateVelocitiesAttr().Set(Vt.Vec3fArray.FromNumpy(velocities), index)
             points.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(g.ids), index)
             if len(centres):
                 box = Vt.Vec3fArray.FromNumpy(np.stack([centres.min(0), centres.max(0)]))
                 points.CreateExtentAttr().Set(box, index)
             color.Set(Vt.Vec3fArray.FromNumpy(linear(g.colors).astype(np.float32)), index)
             opacity.Set(Vt.FloatArray.FromNumpy(g.opacities.astype(np.float32)), index)
+            if group is not None and g.group is not None:
+                group.Set(Vt.IntArray.FromNumpy(g.group), index)
             progress(index + 1, len(clip))
         stage.GetRootLayer().Save()
-        del points, primvars, color, opacity, root, stage
+        del points, primvars, color, opacity, group, root, stage
 
 
 def linear(srgb: Array) -> Array:

@@ -41,7 +41,7 @@ def film(
     Pictures that are there already are kept: a film that was stopped continues, and another layer can be added.
 
     Returns:
-        The colour scale of each layer but colour.
+        The colour scale of each layer that has one.
 
     Raises:
         InputError: `out` holds something else.
@@ -57,8 +57,7 @@ def film(
         if missing:
             drawn = draw(loaded, view, path.camera, missing)
             for name in missing:
-                picture = drawn.color if name == "color" else colored(LAYERS[name], drawn.values[name], scales[name])
-                _write_png(out / name / f"{view.name}.png", picture)
+                _write_png(out / name / f"{view.name}.png", drawn.picture(name, scales.get(name)))
         progress(done + 1, len(path.views))
     if video and len(path.views) > 1:
         for name in layers:

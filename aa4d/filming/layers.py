@@ -9,6 +9,7 @@ from typing import Literal
 import matplotlib
 import numpy as np
 import torch
+from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -22,10 +23,12 @@ from aa4d.model_file import LoadedModel
 from aa4d.raster.types import Output, Rendering
 from aa4d.rendering import render
 
-LayerName = Literal["color", "depth", "alpha", "activity", "motion"]
+LayerName = Literal["color", "depth", "alpha", "activity", "motion", "speed", "movers"]
 SPATIOTEMPORAL = [p for p, plane in enumerate(PLANES) if plane[1] == "t"]
 NOTHING = 0.01  # alpha below which a pixel shows nothing to colour
 BLACK = (0, 0, 0)  # what such a pixel gets
+WORLD_GRAY = (0.35, 0.35, 0.35)
+GOLDEN = 0.618034  # of a turn from one group's hue to the next
 
 
 @dataclass(frozen=True)
@@ -62,13 +65,43 @@ def aggregation_weights(model: AdaAnchor4D, t: float) -> Tensor | None:
 
 
 def displacement_m(loaded: LoadedModel, t: float | None) -> Tensor:
-    """[N] how far each anchor's centre stands from its canonical place at time t, in metres."""
-    anchors = loaded.model.anchors
-    if t is None:
-        return torch.zeros_like(anchors.position[:, 0])
+    """[N] how far each anchor's centre stands from its canonical place at time t, in metres.
+
+    Of an anchor that rides on a group, the canonical place is where the group's reference pose puts it.
+    """
     with torch.no_grad():
-        moved = loaded.model.deformed(anchors.rows(), t).position
-    return (moved - anchors.position).norm(dim=1) * loaded.frame.unit_m
+        moved = loaded.model.centres(t) - loaded.model.centres(None)
+    return moved.norm(dim=1) * loaded.frame.unit_m
+
+
+def speed_mps(loaded: LoadedModel, t: float | None) -> Tensor:
+    """[N] how fast each anchor's centre moves at time t, in metres a second: over half a frame to each side of it."""
+    frames = len(loaded.frames) - 1
+    if t is None or frames < 1:
+        return torch.zeros(len(loaded.model.anchors), device=loaded.model.anchors.position.device)
+    before, after = max(t - 0.5 / frames, 0.0), min(t + 0.5 / frames, 1.0)
+    with torch.no_grad():
+        moved = loaded.model.centres(after) - loaded.model.centres(before)
+    return moved.norm(dim=1) * (loaded.frame.unit_m * loaded.fps / (frames * (after - before)))
+
+
+def mover_colors(loaded: LoadedModel) -> Tensor:
+    """[N, 3] sRGB in [0, 1]: the colour of each anchor's group, grey for the world's.
+
+    Raises:
+        InputError: a model without groups.
+    """
+    groups, group = loaded.model.groups, loaded.model.anchors.group
+    if groups is None or group is None:
+        raise InputError(f"{loaded.path}: has no rigid groups, so no movers to show; choose the layer motion")
+    palette = torch.tensor([group_color(g) for g in range(len(groups))] + [WORLD_GRAY], device=group.device)
+    return palette[group]  # -1, the world, is the last
+
+
+def group_color(group: int) -> tuple[float, float, float]:
+    """sRGB in [0, 1]; any two groups of successive numbers differ much, and no two have the same hue."""
+    red, green, blue = hsv_to_rgb((group * GOLDEN % 1, 0.8, 1.0))
+    return float(red), float(green), float(blue)
 
 
 def _painted(_loaded: LoadedModel, rendering: Rendering) -> Tensor:
@@ -82,29 +115,44 @@ def _depth(loaded: LoadedModel, rendering: Rendering) -> Tensor:
     return rendering.depth * loaded.frame.unit_m
 
 
-# Everything but colour.
+# Scalars.
 LAYERS: dict[str, Layer] = {
     "depth": Layer("distance along the camera's axis", "m", "turbo_r", _depth),
     "alpha": Layer("how opaque", "", "gray", lambda _, r: r.alpha, bounds=(0.0, 1.0)),
     "activity": Layer("weight on spatio-temporal planes", "share", "viridis", _painted, spatiotemporal_share),
     "motion": Layer("distance from the canonical place", "m", "inferno", _painted, displacement_m, from_zero=True),
+    "speed": Layer("speed", "m/s", "inferno", _painted, speed_mps, from_zero=True),
 }
+
+# Pictures: anchors painted with colours, which need no scale. [N, 3] sRGB in [0, 1].
+PAINTINGS: dict[str, Callable[[LoadedModel], Tensor]] = {"movers": mover_colors}
 
 
 @dataclass(frozen=True)
 class Drawn:
     color: NDArray[np.uint8]  # [H, W, 3]
     values: dict[str, NDArray[np.float32]]  # by layer, [H, W], NaN where nothing is
+    paintings: dict[str, NDArray[np.uint8]]  # by layer, [H, W, 3], black where nothing is
+
+    def picture(self, name: str, scale: tuple[float, float] | None) -> NDArray[np.uint8]:
+        """[H, W, 3] of the layer `name`; `scale` for those in `LAYERS`."""
+        if name == "color":
+            return self.color
+        if name in self.paintings:
+            return self.paintings[name]
+        assert scale is not None
+        return colored(LAYERS[name], self.values[name], scale)
 
 
 def draw(loaded: LoadedModel, view: View, pinhole: PinholeCamera, names: list[str]) -> Drawn:
-    """Colour and the layers of `names` that are in `LAYERS`; what is not asked for is not computed."""
+    """Colour and the layers of `names` that are in `LAYERS` or `PAINTINGS`; what is not asked for is not computed."""
     layers = {name: LAYERS[name] for name in names if name in LAYERS}
     t = None if loaded.is_static else view.t
     camera = loaded.frame.camera(view.viewmat, pinhole.K, pinhole.width, pinhole.height)
-    painted = {name: layer.anchor_values(loaded, t) for name, layer in layers.items() if layer.anchor_values}
+    painted = {name: layer.anchor_values(loaded, t)[:, None] for name, layer in layers.items() if layer.anchor_values}
+    painted |= {name: PAINTINGS[name](loaded) for name in names if name in PAINTINGS}
     outputs: tuple[Output, ...] = ("depth",) if "depth" in layers else ()
-    values = {}
+    values, paintings = {}, {}
     with torch.no_grad():
         rendering = render(
             loaded.model,
@@ -112,21 +160,31 @@ def draw(loaded: LoadedModel, view: View, pinhole: PinholeCamera, names: list[st
             camera,
             torch.tensor(loaded.background),
             outputs=outputs,
-            anchor_features=torch.stack(list(painted.values()), dim=1) if painted else None,
+            anchor_features=torch.cat(list(painted.values()), dim=1) if painted else None,
         ).rendering
+        shown = rendering.alpha >= NOTHING
         for name, layer in layers.items():
-            value = layer.values(loaded, _of_layer(rendering, list(painted), name))
-            shown = rendering.alpha >= NOTHING
+            value = layer.values(loaded, _of_layer(rendering, painted, name))
             values[name] = torch.where(shown, value, torch.nan).numpy() if name != "alpha" else value.numpy()
-    picture = (rendering.color.clamp(0, 1) * 255).round().byte().numpy()
-    return Drawn(picture, values)
+        for name in names:
+            if name in PAINTINGS:
+                features = _of_layer(rendering, painted, name).features
+                assert features is not None
+                paintings[name] = _as_bytes(features / rendering.alpha.clamp_min(NOTHING)[..., None] * shown[..., None])
+    return Drawn(_as_bytes(rendering.color), values, paintings)
 
 
-def _of_layer(rendering: Rendering, painted: list[str], name: str) -> Rendering:
-    """The rendering with this layer's painted channel alone."""
+def _as_bytes(color: Tensor) -> NDArray[np.uint8]:
+    return (color.clamp(0, 1) * 255).round().byte().numpy()
+
+
+def _of_layer(rendering: Rendering, painted: dict[str, Tensor], name: str) -> Rendering:
+    """The rendering with this layer's painted channels alone."""
     if name not in painted or rendering.features is None:
         return rendering
-    return replace(rendering, features=rendering.features[..., painted.index(name), None])
+    widths = [value.shape[1] for value in painted.values()]
+    of_layer = rendering.features.split(widths, dim=-1)[list(painted).index(name)]
+    return replace(rendering, features=of_layer)
 
 
 def scale_of(layer: Layer, samples: list[NDArray[np.float32]]) -> tuple[float, float]:

@@ -36,10 +36,10 @@ def groups_by_truth(loaded: LoadedModel, capture: Capture) -> MotionGroups | Non
         if mask is None or depth is None:
             continue
         with torch.no_grad():
-            position = model.deformed(model.anchors.rows(), frame.t).position.double().numpy()
+            position, present = model.centres(frame.t).double().numpy(), model.present(frame.t)
         world = position * loaded.frame.unit_m + loaded.frame.origin_m
         in_camera = world @ frame.viewmat[:3, :3].T + frame.viewmat[:3, 3]
-        front = np.flatnonzero(in_camera[:, 2] > 0)
+        front = np.flatnonzero((in_camera[:, 2] > 0) & (True if present is None else present.numpy()))
         pixels = in_camera[front] @ camera.K.T / in_camera[front, 2:]
         inside = ((pixels[:, :2] >= 0) & (pixels[:, :2] < [camera.width, camera.height])).all(axis=1)
         rows, (x, y) = front[inside], pixels[inside, :2].astype(np.int64).T

@@ -22,6 +22,7 @@ from aa4d.filming.camera_path import View
 from aa4d.filming.layers import LAYERS, Layer, colored, draw, scale_of
 from aa4d.inspection.history import history_figure, read_history
 from aa4d.inspection.motion_groups import groups_by_motion, groups_by_truth
+from aa4d.inspection.trajectories import map_figure, over_frame_figure, trajectories
 from aa4d.inspection.warp import stretch, warp_figure
 from aa4d.inspection.weights import planes_figure, summary, weights_figure, weights_over_time
 from aa4d.model_file import LoadedModel, load_model
@@ -67,7 +68,7 @@ def inspect(
     Raises:
         InputError: no model, a model of the coarse stage, another capture, or `out` holds something else.
     """
-    steps = 5
+    steps = 6
     loaded = load_model(run / "model.safetensors")
     if loaded.is_static:
         raise InputError(f"{loaded.path}: is of the coarse stage, in which nothing moves yet; train it further")
@@ -90,6 +91,8 @@ def inspect(
     progress(2, steps)
     painted, scales = _paint(loaded, capture, pictures, with_weights=weights is not None)
     progress(3, steps)
+    ways = _trajectories(loaded, capture, pictures)
+    progress(4, steps)
     context: dict[str, Any] = {
         "name": run.resolve().name,
         "anchors": len(loaded.model.anchors),
@@ -100,25 +103,44 @@ def inspect(
         "planes": None if weights is None else pictures.figure("weights_by_plane", planes_figure(weights)),
         "painted": painted,
         "scales": scales,
+        "groups": None if loaded.model.groups is None else len(loaded.model.groups),
+        "trajectories": ways,
         "warp": pictures.figure("warp", warp_figure(loaded, coarse)),
         "stretch": stretch(loaded),
         "history": None if history is None else pictures.figure("history", history_figure(history)),
     }
-    progress(4, steps)
+    progress(5, steps)
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
     page = out / "index.html"
     write_text(page, environment.get_template("page.html.jinja").render(context))
-    progress(5, steps)
+    progress(6, steps)
     return page, note
 
 
 def _remove_pictures(out: Path, loaded: LoadedModel) -> None:
     """Those of an earlier page, which may have shown other frames: beside the new one they would mislead."""
     for frame in loaded.frames:
-        for kind in ("frame", "render", *LAYERS):
+        for kind in ("frame", "render", "trajectories", *LAYERS):
             (out / f"{frame.name}_{kind}.png").unlink(missing_ok=True)
+
+
+def _trajectories(loaded: LoadedModel, capture: Capture | None, pictures: Pictures) -> list[tuple[str, str]]:
+    """Captions and pictures: some frames with the paths over them, and the map."""
+    paths = trajectories(loaded)
+    shown = []
+    for index in _busiest(loaded, capture):
+        frame = loaded.frames[index]
+        if capture is None:
+            picture = draw(loaded, View(frame.name, frame.t, frame.viewmat), loaded.camera, ["color"]).color
+        else:
+            picture = read_image(capture, capture.frames[index])
+        label = f"over the {'render' if capture is None else f'frame {frame.name}'}, t = {frame.t:.2f}"
+        figure = over_frame_figure(loaded, picture, index, paths, label)
+        shown.append((label, pictures.figure(f"{frame.name}_trajectories", figure)))
+    shown.append(("from above", pictures.figure("trajectories", map_figure(loaded, paths))))
+    return shown
 
 
 def _paint(

@@ -15,9 +15,9 @@ def warp_figure(loaded: LoadedModel, coarse: LoadedModel | None) -> Figure:
     boundaries = model.warp.boundaries.numpy()
     edges = np.linspace(-1, 1, boundaries.shape[1])
     figure = Figure(figsize=(12, 3.9), layout="constrained")
-    sets = [("anchors now", model.anchors.position, "C0")]
+    sets = [("anchors now", model.resting(None), "C0")]
     if coarse is not None:
-        sets.insert(0, ("anchors when the map was made", coarse.model.anchors.position, "0.6"))
+        sets.insert(0, ("anchors when the map was made", coarse.model.resting(None), "0.6"))
     for axis, axes in enumerate(figure.subplots(1, 3)):
         counts = axes.twinx()
         for label, position, color in sets:

@@ -80,7 +80,9 @@ def trimmed(body: Body, fewest: int) -> Body:
     number = np.where(inside, body.number, 0)
     place = np.where((number > 0)[:, None], body.place, np.nan)
     both = (number[1:] > 0) & (number[:-1] > 0)
-    return Body(body.members, number, place, np.where(both[:, None], body.velocity, np.nan), body.misfit, body.differing)
+    return Body(
+        body.members, number, place, np.where(both[:, None], body.velocity, np.nan), body.misfit, body.differing
+    )
 
 
 def way(body: Body, gaps: Ints) -> tuple[float, float]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from aa4d.capture.reader import Capture, instance_ids, object_tracks
+from aa4d.capture.reader import Capture, instance_ids_of, object_tracks
 from aa4d.errors import InputError
 from aa4d.motion.spline import controls_for, design
 from aa4d.motion.tracks import ALWAYS, Array, Tracks
@@ -47,7 +47,8 @@ def truth_tracks(capture: Capture, frames: list[int]) -> Tracks:
     labels = np.zeros((len(frames), capture.camera.height, capture.camera.width), np.uint16)
     moving = np.zeros(labels.shape, bool)
     for row, index in enumerate(frames):
-        instance = instance_ids(capture, index)
+        instance = instance_ids_of(capture, index)
+        assert instance is not None  # checked above
         for m, i in enumerate(ids):
             labels[row][instance == i] = m + 1
         moving[row] = binary_dilation(labels[row] > 0, iterations=RIM_PX)

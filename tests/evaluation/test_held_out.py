@@ -22,7 +22,8 @@ from tests.toy_run import BRIEF, silent
 
 SCORES = {
     "psnr", "ssim", "lpips", "psnr_dynamic", "psnr_still", "psnr_static", "psnr_dynamic_static", "psnr_activity",
-    "psnr_activity_static", "activity_share", "frames",
+    "psnr_activity_static", "activity_share", "frames", "motion_epe_px", "motion_epe_px_median",
+    "motion_epe_px_static", "travel_ratio",
 }  # fmt: skip
 CLOCK = {"fps", "training_seconds"}
 

@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,17 +16,20 @@ from numpy.typing import NDArray
 from plyfile import PlyData
 from scipy.spatial import KDTree
 
+from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.views import as_picture
 from aa4d.export import EXPORTERS, export
 from aa4d.export.clip import FAINTEST, VIEWER, Clip, WorldGaussians, mean_eye, turned, world_gaussians
 from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
 from aa4d.export.usd_points import linear
-from aa4d.filming.camera_path import View, path_of_frames, resampled
+from aa4d.filming.camera_path import View, path_of_frames, resampled, with_time
 from aa4d.filming.layers import draw
-from aa4d.model_file import LoadedModel, load_model
+from aa4d.model_file import LoadedModel, load_model, save_model
+from aa4d.motion.tracks import ALWAYS
 from aa4d.raster import rasterize
 from aa4d.raster.types import Camera, Gaussians
+from tests.toy_riders import ride
 from tests.toy_run import silent
 
 
@@ -155,6 +159,9 @@ print(json.dumps({
     "fps": stage.GetTimeCodesPerSecond(), "end": stage.GetEndTimeCode(),
     "points": [[list(p) for p in points.GetPointsAttr().Get(t)] for t in (0, 1)],
     "ids": [list(points.GetIdsAttr().Get(t)) for t in (0, 1)],
+    "velocities": [[list(p) for p in points.GetVelocitiesAttr().Get(t)] for t in (0, 1)],
+    "group": [list(api.GetPrimvar("group").Get(t)) for t in (0, 1)] if api.HasPrimvar("group") else None,
+    "names": list(api.GetPrimvar("groupNames").Get()) if api.HasPrimvar("groupNames") else None,
     "widths": list(points.GetWidthsAttr().Get(1)),
     "colors": [list(c) for c in api.GetPrimvar("displayColor").Get(1)],
     "opacity": list(api.GetPrimvar("displayOpacity").Get(1)),
@@ -162,12 +169,10 @@ print(json.dumps({
 """
 
 
-def test_usd_plays_the_points(clip: Clip, tmp_path: Path) -> None:
+def usd_of(run: Path, out: Path) -> dict[str, Any]:
     """In processes of their own: Blender, which other tests load, brings a USD that is not to meet this one."""
     if find_spec("pxr") is None:
         pytest.skip("usd-core is not installed: pip install aa4d[export]")
-    run = clip.loaded.path.parent
-    out = tmp_path / "out"
     arguments = ("export", str(run), "--format", "usd", "--views", "held-out", "--out", str(out))
     subprocess.run([sys.executable, "-m", "aa4d.cli", *arguments], check=True, timeout=120)
     read = subprocess.run(
@@ -177,7 +182,79 @@ def test_usd_plays_the_points(clip: Clip, tmp_path: Path) -> None:
         text=True,
         timeout=120,
     )
-    stage = json.loads(read.stdout)
+    stage: dict[str, Any] = json.loads(read.stdout)
+    return stage
+
+
+def riding(toy_run: Path) -> LoadedModel:
+    """The first third of the anchors rides with the square, the second on a group that leaves at t = 0.5."""
+    loaded = load_model(toy_run / "model.safetensors")
+    n = len(loaded.model.anchors)
+    group = torch.full((n,), -1)
+    group[: n // 3], group[n // 3 : 2 * n // 3] = 0, 1
+    ride(loaded, group, shown=(ALWAYS, (-2, -1, 0.4, 0.5)))
+    return loaded
+
+
+def test_riders_are_exported_where_they_are_and_absent_groups_are_left_out(toy_run: Path, tmp_path: Path) -> None:
+    loaded = riding(toy_run)
+    clip = Clip(loaded, path_of_frames(loaded, "held-out"), np.array([0.0, 0, 20]))
+    first, later = clip.gaussians(0), clip.gaussians(1)  # t = 0 and 8/9
+    assert first.group is not None
+    assert later.group is not None
+    assert set(first.group) == {-1, 0, 1}
+    assert set(later.group) == {-1, 0}
+    _, rows, rows_later = np.intersect1d(first.ids, later.ids, return_indices=True)
+    rides = first.group[rows] == 0
+    moved = later.means[rows_later] - first.means[rows]
+    np.testing.assert_allclose(moved[rides], [[12 * 8 / 9, 0, 0]] * rides.sum(), atol=1e-3)
+    np.testing.assert_allclose(moved[~rides], 0, atol=1e-3)
+    for name in ("points", "ply"):
+        export(clip, name, tmp_path / name, silent)
+        vertex = PlyData.read(str(tmp_path / name / "000008.ply"))["vertex"].data
+        np.testing.assert_allclose(np.stack([vertex[n] for n in "xyz"], 1), later.means, atol=1e-4)
+        # The layout of splats is fixed; that of points is free.
+        assert ("group" in (vertex.dtype.names or ())) == (name == "points")
+    np.testing.assert_array_equal(PlyData.read(str(tmp_path / "points/000008.ply"))["vertex"]["group"], later.group)
+
+
+def test_velocities_are_those_of_the_square(toy_run: Path) -> None:
+    """12 m in nine tenths of a second; on a path of twice as many views at the same rate, half as fast."""
+    loaded = riding(toy_run)
+    for views, speed in ((10, 12 / 0.9), (19, 12 / 1.8)):
+        path = resampled(path_of_frames(loaded, "all"), views)
+        clip = Clip(loaded, replace(path, fps=10.0), None)
+        for index in (0, 4, views - 1):
+            g = clip.gaussians(index)
+            assert g.group is not None
+            expected = np.where(g.group >= 0, speed, 0.0)
+            velocity = clip.velocities(index, g.ids)
+            np.testing.assert_allclose(velocity, np.stack([expected, 0 * expected, 0 * expected], 1), atol=0.02)
+        turned_ = replace(clip, axes="viewer").velocities(4, clip.gaussians(4).ids)
+        np.testing.assert_allclose(turned_, VIEWER.apply(clip.velocities(4, clip.gaussians(4).ids)), atol=1e-6)
+    frozen = Clip(loaded, with_time(path_of_frames(loaded, "all"), 0.5), None)
+    assert np.abs(frozen.velocities(3, frozen.gaussians(3).ids)).max() < 1e-6
+
+
+def test_usd_tells_the_groups_apart_and_how_fast_they_go(toy_run: Path, tmp_path: Path) -> None:
+    loaded = riding(toy_run)
+    capture = read_capture(toy_run.parent / "capture")
+    save_model(
+        tmp_path / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
+        background=loaded.background, training={"seconds": 1.0},
+    )  # fmt: skip
+    stage = usd_of(tmp_path, tmp_path / "out")
+    assert stage["names"] == ["car 0", "car 1"]
+    clip = Clip(loaded, path_of_frames(loaded, "held-out"), None)
+    for index in (0, 1):
+        g = clip.gaussians(index)
+        assert g.group is not None
+        assert stage["group"][index] == g.group.tolist()
+        np.testing.assert_allclose(stage["velocities"][index], clip.velocities(index, g.ids), atol=0.02)
+
+
+def test_usd_plays_the_points(clip: Clip, tmp_path: Path) -> None:
+    stage = usd_of(clip.loaded.path.parent, tmp_path / "out")
     assert (stage["up"], stage["metres"], stage["end"]) == ("Z", 1.0, 1.0)
     assert stage["fps"] == pytest.approx(clip.path.fps)
     for index in (0, 1):
@@ -186,7 +263,9 @@ def test_usd_plays_the_points(clip: Clip, tmp_path: Path) -> None:
         assert stage["ids"][index] == g.ids.tolist()
     np.testing.assert_allclose(stage["colors"], linear(g.colors), atol=1e-5)
     np.testing.assert_allclose(stage["widths"], 2 * g.scales.mean(1), rtol=1e-5)
+    np.testing.assert_allclose(stage["velocities"][1], clip.velocities(1, g.ids), atol=1e-3)
     np.testing.assert_allclose(stage["opacity"], g.opacities, rtol=1e-5)
+    assert stage["group"] is stage["names"] is None
 
 
 def test_linear_light_is_that_of_the_standard() -> None:

@@ -16,10 +16,23 @@ from aa4d.field.aggregation import Weighted, make_aggregation
 from aa4d.filming import layers
 from aa4d.filming.camera_path import path_of_frames, with_camera, with_time
 from aa4d.filming.film import film
-from aa4d.filming.layers import LAYERS, colored, displacement_m, draw, scale_of, spatiotemporal_share
+from aa4d.filming.layers import (
+    LAYERS,
+    WORLD_GRAY,
+    colored,
+    displacement_m,
+    draw,
+    group_color,
+    mover_colors,
+    scale_of,
+    spatiotemporal_share,
+    speed_mps,
+)
 from aa4d.filming.video import write_video
 from aa4d.model_file import LoadedModel, load_model
+from aa4d.motion.tracks import ALWAYS
 from tests.toy_capture import ALTITUDE_M
+from tests.toy_riders import ride
 from tests.toy_run import silent
 
 
@@ -189,3 +202,53 @@ def test_a_video_that_fails_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         write_video(tmp_path / "a.mp4", broken(), 10)  # type: ignore[arg-type]
     assert list(tmp_path.iterdir()) == []
+
+
+def riding(toy_run: Path) -> LoadedModel:
+    """Every second anchor rides on the first of two groups, every third of the others on one that comes late."""
+    loaded = load_model(toy_run / "model.safetensors")
+    group = torch.full((len(loaded.model.anchors),), -1)
+    group[::2], group[1::3] = 0, 1
+    ride(loaded, group, shown=(ALWAYS, (0.5, 0.6, 2.0, 3.0)))
+    return loaded
+
+
+def test_motion_and_speed_are_those_of_the_group_that_an_anchor_rides_on(toy_run: Path) -> None:
+    """The square goes 12 m in the nine frame intervals of a clip of 10 frames a second."""
+    loaded = riding(toy_run)
+    group = loaded.model.anchors.group
+    assert group is not None
+    for t in (0.0, 0.5, 1.0):
+        torch.testing.assert_close(displacement_m(loaded, t), (group >= 0) * 12.0 * t, atol=1e-3, rtol=0)
+        torch.testing.assert_close(speed_mps(loaded, t), (group >= 0) * 12 / 0.9, atol=1e-2, rtol=0)
+    assert speed_mps(loaded, None).abs().max() == 0
+
+
+def test_each_mover_has_a_color_of_its_own_and_the_world_is_gray(toy_run: Path) -> None:
+    loaded = riding(toy_run)
+    group = loaded.model.anchors.group
+    assert group is not None
+    colors = mover_colors(loaded)
+    for g, color in ((-1, WORLD_GRAY), (0, group_color(0)), (1, group_color(1))):
+        torch.testing.assert_close(colors[group == g], torch.tensor(color).expand((group == g).sum(), 3))
+    many = np.array([group_color(g) for g in range(200)])
+    apart = np.linalg.norm(many[:, None] - many[None], axis=2)
+    assert np.abs(np.diff(many, axis=0)).max(axis=1).min() > 0.5
+    assert apart[~np.eye(200, dtype=bool)].min() > 0
+
+
+def test_movers_are_filmed_without_a_scale(toy_run: Path, tmp_path: Path) -> None:
+    loaded = riding(toy_run)
+    path = path_of_frames(loaded, "held-out")
+    scales = film(loaded, path, ["movers", "speed"], tmp_path / "out", video=False, progress=silent)
+    assert scales.keys() == {"speed"}
+    assert not (tmp_path / "out/movers_scale.png").exists()
+    # Beside a layer that is a scalar the colours are the same.
+    alone = draw(loaded, path.views[1], path.camera, ["movers"]).paintings["movers"]
+    assert np.array_equal(np.array(Image.open(tmp_path / "out/movers/000008.png")), alone)
+    assert alone.std(axis=2).max() > 20
+
+
+def test_without_groups_there_are_no_movers_to_show(loaded: LoadedModel) -> None:
+    with pytest.raises(InputError, match="has no rigid groups"):
+        draw(loaded, path_of_frames(loaded, "all").views[3], loaded.camera, ["movers"])

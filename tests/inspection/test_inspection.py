@@ -15,9 +15,13 @@ from aa4d.field.planes import PLANES
 from aa4d.inspection.history import read_history
 from aa4d.inspection.motion_groups import groups_by_motion, groups_by_truth
 from aa4d.inspection.page import inspect
+from aa4d.inspection.trajectories import FARTHEST_ANCHORS, trajectories
 from aa4d.inspection.warp import stretch
 from aa4d.inspection.weights import spatiotemporal, summary, weights_over_time
-from aa4d.model_file import LoadedModel, load_model
+from aa4d.model_file import LoadedModel, load_model, save_model
+from aa4d.motion.tracks import ALWAYS
+from tests.toy_capture import square_centre
+from tests.toy_riders import ride
 from tests.toy_run import silent
 
 
@@ -118,7 +122,7 @@ def test_the_page_holds_everything_itself(run: Path) -> None:
     page, _ = inspect(run, None, run / "inspect", silent)
     html = page.read_text()
     sources = re.findall(r'(?:src|href)="([^"]*)"', html)
-    assert len(sources) == 2 * 4 + 2 + 3  # two frames, two scales, three plots
+    assert len(sources) == 2 * 4 + 2 + 3 + 2 + 1  # two frames, two scales, three plots, paths over frames and a map
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert "http" not in html
     assert "no history.csv" in html
@@ -187,3 +191,51 @@ def test_a_folder_with_other_files_is_not_written_into(run: Path, tmp_path: Path
     with pytest.raises(InputError, match="not empty and not pages of `aa4d inspect`"):
         inspect(run, None, out, silent)
     assert [path.name for path in out.iterdir()] == ["holiday.jpg"]
+
+
+def test_a_path_is_where_the_group_goes_and_heads(loaded: LoadedModel) -> None:
+    ride(loaded, torch.zeros(len(loaded.model.anchors), dtype=torch.long), turn=np.pi / 2, shown=((0.2, 0.3, 2, 3),))
+    (path,) = trajectories(loaded)
+    assert path.name == "car 0"
+    ways = np.stack([square_centre(t) for t in path.times])
+    np.testing.assert_allclose(path.position_m[:, :2], ways, atol=1e-3)
+    assert path.forward is not None
+    angle = path.times * np.pi / 2
+    np.testing.assert_allclose(path.forward[:, :2], np.stack([np.cos(angle), np.sin(angle)], 1), atol=1e-4)
+    assert np.array_equal(path.there, path.times > 0.2)
+
+
+def test_without_groups_the_anchors_that_travel_farthest_are_shown(loaded: LoadedModel) -> None:
+    paths = trajectories(loaded)
+    lengths = [np.linalg.norm(np.diff(path.position_m, axis=0), axis=1).sum() for path in paths]
+    assert len(paths) == min(FARTHEST_ANCHORS, len(loaded.model.anchors))
+    assert lengths == sorted(lengths, reverse=True)
+    assert lengths[0] > 0
+    assert all(path.forward is None and path.name == "" for path in paths)
+
+
+def test_riders_are_told_apart_where_they_are(loaded: LoadedModel) -> None:
+    """All anchors that start within the square ride with it: they are dynamic, though their group's frame is not."""
+    world = loaded.model.anchors.position.numpy() * loaded.frame.unit_m + loaded.frame.origin_m
+    on = (np.abs(world[:, :2] - square_centre(0)) < 1.2).all(axis=1)
+    assert on.any()
+    ride(loaded, torch.from_numpy(np.where(on, 0, -1)))
+    groups = groups_by_truth(loaded, read_capture(loaded.capture_folder or Path()))
+    assert groups is not None
+    assert groups.dynamic[on].all()
+
+
+def test_a_page_of_a_model_with_groups_names_them(run: Path) -> None:
+    loaded = load_model(run / "model.safetensors")
+    capture = read_capture(run.parent / "capture")
+    group = torch.full((len(loaded.model.anchors),), -1)
+    group[::2] = 1
+    ride(loaded, group, shown=(ALWAYS, ALWAYS))
+    save_model(
+        run / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
+        background=loaded.background, training={"seconds": 1.0, "capture_fingerprint": capture.fingerprint},
+    )  # fmt: skip
+    page, _ = inspect(run, None, run / "inspect", silent)
+    assert "Paths of the 2 rigid groups" in page.read_text()
+    assert (page.parent / "trajectories.png").exists()
+    assert len(list(page.parent.glob("*_trajectories.png"))) == 2
