@@ -30,10 +30,19 @@ def train(
     dlgd: Annotated[bool, arg(help="Let offsets and scales deform (paper, section 4.3).")] = True,
     dacw: Annotated[bool, arg(help="Warp the query coordinates by the anchors' density (paper, section 4.4).")] = True,
     motion: Annotated[
-        Literal["none", "tracks"],
-        arg(help="tracks: movers are found and anchors ride with them (beyond the paper). none: the paper's model."),
-    ] = "none",
-    tracks: Annotated[Literal["truth"], arg(help="Where the tracks of --motion tracks come from.")] = "truth",
+        Literal["tracks", "none"],
+        arg(
+            help="tracks: movers are found in the training frames, and anchors ride with them (beyond the paper). "
+            "none: the paper's model."
+        ),
+    ] = "tracks",
+    tracks: Annotated[
+        Literal["auto", "pictures", "boxes", "truth"],
+        arg(
+            help="Where tracks come from. auto: annotated boxes where the capture has them for several movers, else "
+            "pictures. truth: those of a rendered scene, an oracle for experiments."
+        ),
+    ] = "auto",
     device: Annotated[
         Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
     ] = "auto",

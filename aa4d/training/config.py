@@ -86,7 +86,7 @@ class LossWeights:
 class MotionSettings:
     """Rigid groups of anchors that ride on the tracks of movers: beyond the paper (docs/motion.md)."""
 
-    tracks: str = "pictures"  # where they come from: a name in aa4d/training/riding.py
+    tracks: str = "auto"  # where they come from: a name in aa4d/training/riding.py, or "truth"
     clean_iterations: int = 400  # [chosen] of the static stage, once more without what seems to move
     voxel_px: float = 2.0  # [swept] edge of a rider's finest voxel, in pixels at unit depth
     learn_from: float = 0.1  # [chosen] share of the fine stage after which trajectories are learned too

@@ -7,31 +7,76 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from aa4d.anchors.canonical import Anchors, spacing
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Capture
+from aa4d.capture.reader import Capture, boxes_of, read_images
+from aa4d.errors import InputError
 from aa4d.model import AdaAnchor4D
+from aa4d.motion.boxes import box_tracks
+from aa4d.motion.finder import find_tracks
 from aa4d.motion.groups import Groups
+from aa4d.motion.observations import Observations
 from aa4d.motion.seeding import seeds
 from aa4d.motion.tracks import Tracks
-from aa4d.motion.truth import truth_tracks
 
-# What the static stage shows in place of each training frame: color [V, H, W, 3] in [0, 1] and depth_z [V, H, W] in
-# world units, zero where nothing is.
-StaticViews = tuple[np.ndarray, np.ndarray]
+FloatArray = NDArray[np.float32]
 
-
-# Where tracks come from, by the name that `--tracks` takes.
-SOURCES: dict[str, Callable[[Capture, list[int], StaticViews | None], Tracks]] = {
-    "truth": lambda capture, frames, _static: truth_tracks(capture, frames),
+# Where tracks come from, by the name that `--tracks` takes. Truth is not among them: it is known beforehand.
+Finder = Callable[[Capture, Observations], Tracks]
+FINDERS: dict[str, Finder] = {
+    "auto": lambda capture, observed: FINDERS["boxes" if _follows_several(capture) else "pictures"](capture, observed),
+    "pictures": lambda _capture, observed: find_tracks(observed),
+    "boxes": lambda capture, observed: _from_boxes(capture, observed),
 }
 
 
-def find(source: str, capture: Capture, static: StaticViews | None) -> Tracks:
-    """`static` is None where the settings say that no static scene is needed."""
-    return SOURCES[source](capture, capture.of_split("train"), static)
+def find(source: str, capture: Capture, static_color: FloatArray, static_depth_m: FloatArray) -> Tracks:
+    """Tracks of the movers that the training frames show.
+
+    Args:
+        source: one of `FINDERS`.
+        static_color, static_depth_m: [V, H, W, 3] in [0, 1] and [V, H, W] in world units, zero where nothing is: what
+            the static stage shows in place of each training frame.
+
+    Raises:
+        InputError: boxes are asked for, and the capture has none that follow movers.
+    """
+    return FINDERS[source](capture, observations(capture, static_color, static_depth_m))
+
+
+def observations(capture: Capture, static_color: FloatArray, static_depth_m: FloatArray) -> Observations:
+    rank = np.array(capture.of_split("train"))
+    frames = [capture.frames[i] for i in rank]
+    return Observations(
+        images=read_images(capture, rank.tolist()),
+        static_color=static_color,
+        static_depth_m=static_depth_m,
+        viewmat=np.stack([frame.viewmat for frame in frames]),
+        K=capture.camera.K,
+        t=np.array([frame.t for frame in frames]),
+        rank=rank,
+        frames=len(capture.frames),
+        fps=capture.fps,
+    )
+
+
+def _follows_several(capture: Capture) -> bool:
+    """Whether annotators followed the movers; a file with one target follows one of many."""
+    boxes = boxes_of(capture)
+    return boxes is not None and len(np.unique(boxes.target[boxes.target >= 0])) > 1
+
+
+def _from_boxes(capture: Capture, observed: Observations) -> Tracks:
+    boxes = boxes_of(capture)
+    if boxes is None or not (boxes.target >= 0).any():
+        raise InputError(
+            f"{capture.folder}: has no boxes that follow movers from frame to frame; use --tracks pictures, or make "
+            "the capture with `aa4d capture --annotations`"
+        )
+    return box_tracks(observed, boxes)
 
 
 def make_groups(tracks: Tracks, frame: ModelFrame) -> Groups:

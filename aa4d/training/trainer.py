@@ -29,6 +29,7 @@ from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
 from aa4d.motion.tracks import Tracks
 from aa4d.motion.tracks_file import load_tracks, save_tracks
+from aa4d.motion.truth import truth_tracks
 from aa4d.raster.types import Camera
 from aa4d.rendering import Rendered, render
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
@@ -37,7 +38,7 @@ from aa4d.training.growth import densify
 from aa4d.training.history import History
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
-from aa4d.training.riding import StaticViews, add_riders, find, membership_loss, movers_path, tracks_path
+from aa4d.training.riding import FloatArray, add_riders, find, membership_loss, movers_path, tracks_path
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
@@ -226,7 +227,7 @@ class Run:
         elif state.stage == "clean":
             self.tracks = load_tracks(movers_path(self.out))
         elif not motion.needs_static:
-            self.tracks = find(motion.tracks, self.capture, None)
+            self.tracks = truth_tracks(self.capture, self.capture.of_split("train"))
 
     def _leave_static(self, state: TrainingState, say: Say) -> None:
         """From the coarse to the clean stage, where movers were found that it has not seen; else to the fine stage."""
@@ -234,7 +235,7 @@ class Run:
         if motion is not None and motion.needs_static:
             check_finite(state.optimiser, "a parameter")
             started = time.perf_counter()
-            self.tracks = find(motion.tracks, self.capture, self.static_views(state.model))
+            self.tracks = find(motion.tracks, self.capture, *self.static_views(state.model))
             seconds = time.perf_counter() - started
             state.seconds += seconds
             say(f"movers: {len(self.tracks)} tracks after the {state.stage} stage, in {seconds:.0f} s")
@@ -247,8 +248,8 @@ class Run:
         self._enter_fine(state)
 
     @torch.no_grad()
-    def static_views(self, model: AdaAnchor4D) -> StaticViews:
-        """What the static scene shows in place of each training frame."""
+    def static_views(self, model: AdaAnchor4D) -> tuple[FloatArray, FloatArray]:
+        """What the static scene shows in place of the training frames: color [V, H, W, 3], depth_z in world units."""
         color, depth = [], []
         for view in self.views:
             rendered = render(model, None, view.camera, self.background, outputs=["depth"])
