@@ -25,8 +25,10 @@ def create_camera(model: Model, name: str) -> bpy.types.Object:
     # Shifts are in units of the image's width as it is seen, which pixel_aspect makes equal on both axes.
     data.shift_x = (camera.width / 2 - K[0, 2]) / camera.width
     data.shift_y = (K[1, 2] - camera.height / 2) / camera.width * K[0, 0] / K[1, 1]
-    positions = model.scale * model.tensors["anchors.position"] + model.translation
-    reach = np.abs(positions).max(axis=0) + np.abs(model.camera_centers).max(axis=0)
+    positions = model.tensors["anchors.position"]
+    if model.groups is not None:  # a rider's place counts from its group's
+        positions = np.concatenate([positions, model.groups.control[..., :3].reshape(-1, 3)])
+    reach = np.abs(model.scale * positions + model.translation).max(axis=0) + np.abs(model.camera_centers).max(axis=0)
     data.clip_end = max(1000.0, 2.0 * float(np.linalg.norm(reach)))
     obj = bpy.data.objects.new(name, data)
     obj.rotation_mode = "QUATERNION"
