@@ -33,8 +33,9 @@ def create_camera(model: Model, name: str) -> bpy.types.Object:
     obj = bpy.data.objects.new(name, data)
     obj.rotation_mode = "QUATERNION"
     rotations = model.viewmats[:, :3, :3].transpose(0, 2, 1) @ OPENCV_TO_BLENDER
-    _animate(obj, "location", model.camera_centers)
-    _animate(obj, "rotation_quaternion", _quaternions(rotations))
+    quaternions = np.array([Matrix(rotation.tolist()).to_quaternion() for rotation in rotations])
+    animate(obj, "location", model.camera_centers)
+    animate(obj, "rotation_quaternion", in_one_hemisphere(quaternions))
     return obj
 
 
@@ -81,16 +82,15 @@ def capture_folder(model: Model) -> Path | None:
     return folder if isinstance(index, dict) and index.get("format") == "aa4d-capture" else None
 
 
-def _quaternions(rotations: Doubles) -> Doubles:
+def in_one_hemisphere(quaternions: Doubles) -> Doubles:
     """Quaternions [n, 4], each in the hemisphere of the one before, so that nothing turns the long way round."""
-    quaternions = np.array([Matrix(rotation.tolist()).to_quaternion() for rotation in rotations])
     for previous, quaternion in itertools.pairwise(quaternions):
         if previous @ quaternion < 0:
             quaternion *= -1
     return quaternions
 
 
-def _animate(obj: bpy.types.Object, path: str, values: Doubles) -> None:
+def animate(obj: bpy.types.Object, path: str, values: Doubles) -> None:
     """Key the property with one row of values [n, components] a frame, linear between."""
     setattr(obj, path, values[0])
     obj.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them

@@ -4,6 +4,8 @@ A group turns about `up` by its heading and is shifted to its position; both are
 Poses are computed in float64, points are moved in their own precision.
 """
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,11 +42,7 @@ class Poses:
 
     def turn(self, group: Indices, quaternions: Floats) -> Floats:
         """Rotations [M, K, 4] w x y z in the groups' axes, in the model's."""
-        own = self.quaternions()[group, None]
-        a, b = own[..., :1], own[..., 1:]
-        w, v = quaternions[..., :1], quaternions[..., 1:]
-        real = a * w - (b * v).sum(axis=-1, keepdims=True)
-        return np.concatenate([real, a * v + w * b + np.cross(b, v)], axis=-1).astype(np.float32)
+        return product(self.quaternions()[group, None], quaternions)
 
     def quaternions(self) -> Doubles:
         """The groups' rotations [G, 4], w x y z."""
@@ -96,6 +94,30 @@ class Groups:
         first, last = self.riders.searchsorted([part.start, part.stop])
         rows = self.riders[first:last]
         return rows - part.start, self.of_anchor[rows]
+
+
+def product(first: Doubles, second: Floats) -> Floats:
+    """Hamilton's product of quaternions [..., 4] w x y z: the second turn, then the first."""
+    a, b = first[..., :1], first[..., 1:]
+    w, v = second[..., :1], second[..., 1:]
+    real = a * w - (b * v).sum(axis=-1, keepdims=True)
+    return np.concatenate([real, a * v + w * b + np.cross(b, v)], axis=-1).astype(np.float32)
+
+
+def chord_error(groups: Groups, positions: Floats, times: Sequence[float]) -> float:
+    """How far the riders are, at most, from the straight way between two of these times, model units.
+
+    Judged half way between each two, of groups that are shown then; `positions` [N, 3] as in the file.
+    """
+    riders, of_rider = groups.riders, groups.of_anchor[groups.riders]
+    worst = 0.0
+    for before, after in itertools.pairwise(times):
+        low, middle, high = (groups.at(t) for t in (before, (before + after) / 2, after))
+        seen = (middle.presence > 0)[of_rider]
+        if seen.any():
+            at = [pose.to_world(of_rider[seen], positions[riders[seen]]) for pose in (low, middle, high)]
+            worst = max(worst, float(np.linalg.norm(at[1] - (at[0] + at[2]) / 2, axis=1).max()))
+    return worst
 
 
 def _rows(points: Floats) -> Floats:

@@ -28,6 +28,12 @@ def property_of(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str]:
     return modifier, f'["{identifier}"]'
 
 
+def path_of(modifier: bpy.types.Modifier, name: str) -> str:
+    """The path of an input from the modifier's object: what keys and drivers want."""
+    owner, path = property_of(modifier, name)
+    return f"{owner.path_from_id()}.{path}" if path == "value" else f"{modifier.path_from_id()}{path}"
+
+
 def menu_items(group: bpy.types.NodeTree, name: str) -> list[str]:
     """The items of a menu input, in order."""
     for node in group.nodes:
