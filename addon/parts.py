@@ -1,12 +1,13 @@
 """The objects that one import made: its lead, which shows the world, and its vehicles, the lead's children."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import bpy
 import numpy as np
 from bpy.app.translations import pgettext_data as translated
 
-from . import camera, modifiers, names, time_nodes
+from . import camera, clip_time, modifiers, names, time_nodes
 from .field import Indices
 from .model import Model
 
@@ -18,6 +19,7 @@ DRIVEN = (
     time_nodes.BY_HAND,
     time_nodes.TIME,
 )
+UNTOUCHED: dict[str, Any] = dict(zip(DRIVEN, (1.0, 1.0, False, clip_time.HOLD, False, 1.0), strict=True))
 HANDLE_M = 1.0  # length of a handle's axes
 LONGEST_NAME = 50  # characters; Blender cuts after 63 bytes, and adds a number where a name is taken
 
@@ -76,6 +78,38 @@ def follow(part: bpy.types.Object, first: bpy.types.Object) -> None:
         source = driver.variables.new()
         source.targets[0].id = first
         source.targets[0].data_path = modifiers.path_of(first.modifiers[names.TIME_MODIFIER], name)
+
+
+# The time inputs of each lead, by `key_of`: what its parts keep when it is deleted.
+_times: dict[tuple[str, str], dict[str, Any]] = {}
+
+
+def keep_time(obj: bpy.types.Object) -> bool:
+    """Take drivers away whose lead is gone, and give the part the time that it had: Blender would set it to nought.
+
+    To be called of objects without a parent; whether there was anything to do.
+    """
+    modifier = modifiers.of(obj, names.TIME_MODIFIER)
+    if modifier is None:
+        return False
+    drivers = [] if obj.animation_data is None else list(obj.animation_data.drivers)
+    paths = {modifiers.path_of(modifier, name): name for name in DRIVEN}
+    lost = [curve for curve in drivers if curve.data_path in paths and not curve.driver.variables[0].targets[0].id]
+    if not lost:
+        _times[key_of(obj)] = {name: modifiers.get(modifier, name) for name in DRIVEN}
+        return False
+    time = _times.get(key_of(obj), UNTOUCHED)
+    for curve in lost:
+        name = paths[curve.data_path]
+        obj.driver_remove(curve.data_path)
+        modifiers.put(modifier, name, time[name])
+    obj.update_tag()
+    return True
+
+
+def forget_times() -> None:
+    """Forget the times of all leads."""
+    _times.clear()
 
 
 def make_handle(model: Model, group: int, name: str) -> bpy.types.Object:

@@ -240,6 +240,10 @@ def refresh(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None
     Called after a change of frame, of sub-frame too (motion blur), when animation and drivers have been evaluated, and
     after any other change, for the inputs of the modifiers.
     """
+    alone = [obj for obj in scene.objects if parts.is_imported(obj) and obj.parent is None and obj.library is None]
+    orphans = [obj for obj in alone if parts.keep_time(obj)]
+    if orphans:
+        depsgraph = None  # its copies do not have the time yet that was just given back
     live = list(live_objects(scene))
     wanted = {obj: wanted_of(obj if depsgraph is None else obj.evaluated_get(depsgraph)) for obj in live}
     together: dict[tuple[str, str], frozenset[names.Attribute]] = {}
@@ -298,5 +302,6 @@ def unregister() -> None:
     for handlers, function in LISTENERS:
         handlers.remove(function)
     _load.cache_clear()
+    parts.forget_times()
     milliseconds.clear()
     problems.clear()
