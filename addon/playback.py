@@ -303,5 +303,6 @@ def unregister() -> None:
         handlers.remove(function)
     _load.cache_clear()
     parts.forget_times()
+    modifiers.forget()
     milliseconds.clear()
     problems.clear()
