@@ -64,12 +64,12 @@ def path_of(modifier: bpy.types.Modifier, name: str) -> str:
 
 
 def menu_items(group: bpy.types.NodeTree, name: str) -> tuple[str, ...]:
-    """The items of a menu input, in order."""
+    """The items of a menu input, in order; none where a person has removed the node that uses it."""
     for node in group.nodes:
         links = node.inputs[0].links if node.bl_idname == "GeometryNodeMenuSwitch" else ()
         if links and links[0].from_socket.name == name:
             return tuple(item.name for item in node.enum_items)
-    raise KeyError(name)
+    return ()
 
 
 def get(modifier: bpy.types.Modifier, name: str) -> Any:
