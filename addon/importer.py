@@ -22,7 +22,7 @@ from . import (
     time_nodes,
 )
 from .camera import capture_folder, create_camera, show_frames
-from .container import ModelFileError
+from .container import Floats, ModelFileError
 from .field import Field, Indices
 from .model import Model
 from .scene import set_timeline, set_up_scene
@@ -211,7 +211,7 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     folder = capture_folder(model)
     if folder is None:
         raise ModelFileError(f"The capture that {model.path.name} was trained on is not beside it.")
-    labels = activity.label_anchors(model, folder, lambda rank: loaded.trail(names.ANCHORS, rank), _read_labels)
+    labels = activity.label_anchors(model, folder, lambda rank: _shown_anchors(loaded, rank), _read_labels)
     written = []
     for part in parts.parts(obj):
         rows = points.ids(part.data) // carriers.points_per_anchor(loaded.field, part.aa4d.carrier)
@@ -221,6 +221,15 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     known = ("not seen", *activity.LABELS)
     counts = np.unique(np.concatenate(written), return_counts=True)
     return {known[label + 1]: int(count) for label, count in zip(*counts, strict=True)}
+
+
+def _shown_anchors(loaded: playback.Loaded, rank: int) -> Floats:
+    """The anchors [N, 3] at a frame, world metres; NaN for those of vehicles that it does not show."""
+    model, places = loaded.field.model, loaded.trail(names.ANCHORS, rank)
+    if model.groups is None or model.static:
+        return places
+    absent = model.groups.presence(model.time_of_rank(rank)) == 0
+    return np.where(np.append(absent, False)[model.groups.of_anchor][:, None], np.float32(np.nan), places)
 
 
 def _read_labels(path: Path) -> np.ndarray:

@@ -94,7 +94,7 @@ def keep_time(obj: bpy.types.Object) -> bool:
         return False
     drivers = [] if obj.animation_data is None else list(obj.animation_data.drivers)
     paths = {modifiers.path_of(modifier, name): name for name in DRIVEN}
-    lost = [curve for curve in drivers if curve.data_path in paths and not curve.driver.variables[0].targets[0].id]
+    lost = [curve for curve in drivers if curve.data_path in paths and _has_lost_its_lead(curve.driver)]
     if not lost:
         _times[key_of(obj)] = {name: modifiers.get(modifier, name) for name in DRIVEN}
         return False
@@ -105,6 +105,17 @@ def keep_time(obj: bpy.types.Object) -> bool:
         modifiers.put(modifier, name, time[name])
     obj.update_tag()
     return True
+
+
+def _has_lost_its_lead(driver: bpy.types.Driver) -> bool:
+    """Whether it is one of `follow`, and not a person's own, and leads nowhere."""
+    variables = list(driver.variables)
+    return (
+        driver.type == "SUM"
+        and len(variables) == 1
+        and variables[0].type == "SINGLE_PROP"
+        and variables[0].targets[0].id is None
+    )
 
 
 def forget_times() -> None:

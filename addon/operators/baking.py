@@ -56,7 +56,10 @@ class Bake(OnOwnObject, bpy.types.Operator):
     def done(self, context: bpy.types.Context, count: int) -> str:
         """What to say at the end: the keys, and how far straight ways between them lead vehicles astray."""
         message = translated("Baked {} keys").format(count)
-        error = bake.largest_error_m(context.active_object, self.bake_options())
+        try:
+            error = bake.largest_error_m(context.active_object, self.bake_options())
+        except ModelFileError:  # the file has gone meanwhile: the bake is whole without it
+            return message
         if error > 0:
             message += translated("; between them vehicles are at most {:.3f} m off their path").format(error)
         return message

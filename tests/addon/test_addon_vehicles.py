@@ -1,6 +1,7 @@
 """Vehicles in the packaged extension: objects of their own that share one evaluation, live and baked."""
 
 import importlib
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -376,6 +377,27 @@ def test_compositing_takes_the_vehicles_along(bpy: Any, extension: str, traffic:
         assert not part.visible_shadow
         assert modifiers.get(part.modifiers[LOOK], "Crop") == "Inside"
     assert len([o for o in bpy.data.objects if o.name.endswith(("Ground", "Occluders"))]) == 2
+
+
+def test_activity_of_a_vehicle_is_what_shows_it(bpy: Any, tmp_path: Path) -> None:
+    """Frames that do not show the second car say "static" where it would be; those that do say "persistent"."""
+    from PIL import Image
+
+    capture = tmp_path / "capture"
+    (capture / "truth" / "activity").mkdir(parents=True)
+    (capture / "capture.json").write_text(json.dumps({"format": "aa4d-capture"}))
+    tensors, information = a_model()
+    tensors["anchors.position"][:, 2] *= 0.1
+    information["capture"] = "capture"
+    for rank, frame in enumerate(information["frames"]):
+        frame["viewmat"] = [[1, 0, 0, -30], [0, -1, 0, -20], [0, 0, -1, 90], [0, 0, 0, 1]]  # from straight above
+        labels = np.full((180, 320), 2 if rank == 2 else 0, np.uint8)
+        Image.fromarray(labels).save(capture / "truth" / "activity" / f"{frame['name']}.png")
+    tensors["groups.shown"][1] = (0.4, 0.45, 0.55, 0.6)  # the middle frame alone
+    imported(bpy, write_model(tmp_path / "model.safetensors", tensors, information))
+    assert bpy.ops.aa4d.label_activity() == {"FINISHED"}
+    assert (attribute(bpy.data.objects["car 2"].data, "aa_activity") == 2).all()
+    assert (attribute(bpy.data.objects["car 1"].data, "aa_activity") == 0).all()
 
 
 def test_vehicles_panel_hides(bpy: Any, extension: str, traffic: Path) -> None:
