@@ -26,8 +26,9 @@ def label_anchors(
 ) -> Labels:
     """The label [N] that most frames show at each anchor, -1 where none shows it.
 
-    `positions_at(rank)` gives the anchors [N, 3] in world metres, `read_labels(path)` the picture [H, W], first row at
-    the top. Where the frame's depth is known, hidden anchors are left out.
+    `positions_at(rank)` gives the anchors [N, 3] in world metres, NaN for those that are not there then,
+    `read_labels(path)` the picture [H, W], first row at the top. Where the frame's depth is known, hidden anchors are
+    left out.
 
     Raises:
         ModelFileError: the capture holds no activity labels.

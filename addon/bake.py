@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from . import carriers, names, playback, points, time_nodes
+from . import carriers, groups, names, parts, playback, points, time_nodes
 from . import modifiers as inputs
 from .clip_time import ClipTime
 from .container import ModelFileError
@@ -28,7 +28,9 @@ class BakeOptions:
 
 
 def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) -> Generator[tuple[int, int], None, None]:
-    """Write the keys and switch the object to them; yields (keys written, keys in all) after each.
+    """Write the keys of all objects of an import and switch to them; yields (keys written, keys in all) after each.
+
+    The model is evaluated once a key, whatever number of objects shows it.
 
     What was baked before plays on until the end. An iterator that is closed early leaves everything as it was.
 
@@ -36,58 +38,89 @@ def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) ->
         ModelFileError: as `playback.loaded_of`, or the range is not of the clip; the object is left as it was.
     """
     loaded = playback.loaded_of(obj)
-    playback.check_fits(obj, loaded)
-    mesh, carrier, model = obj.data, obj.aa4d.carrier, loaded.field.model
+    objects = parts.parts(obj)
+    for part in objects:
+        playback.check_fits(part, loaded)
+    carrier, model = obj.aa4d.carrier, loaded.field.model
     if options.first > model.frame_count:
         raise ModelFileError(f"The clip has {model.frame_count} frames; the range to bake begins after its end.")
     ranks = _ranks(options, model.frame_count)
-    attributes = {*names.APPEARANCE, *playback.wanted_of(obj)}
-    if options.inspection:
-        attributes.update(names.INSPECTION)
-    keys = names.keys_of(attributes)
-    rows = playback.rows_of(mesh)
-    time, frame = playback.clip_time_of(obj, model.frame_count), scene.frame_current_final
+    always = {*names.APPEARANCE, *(names.INSPECTION if options.inspection else ())}
+    work = [
+        _Work(part.data, playback.rows_of(part.data), always | playback.wanted_of(part), time_modifier(part))
+        for part in objects
+    ]
+    attributes = set().union(*(part.attributes for part in work))
+    lead = objects[0]
+    time, frame = playback.clip_time_of(lead, model.frame_count), scene.frame_current_final
     try:
         for number, rank in enumerate(ranks):
             t = model.time_of_rank(rank)
-            if obj.aa4d.view == ACTIVE:  # the camera must be where it is then
+            if lead.aa4d.view == ACTIVE:  # the camera must be where it is then
                 _go_to(scene, time, rank)
-            center = playback.camera_center(obj, loaded, t, scene, None)
+            center = playback.camera_center(lead, loaded, t, scene, None)
             values = carriers.evaluate(loaded.field, carrier, t, center, attributes)
             values[names.COLOR][:, 3] = values[names.OPACITY]
-            for key in keys:
-                name = names.UNFINISHED + names.key_name(key, number)
-                points.write(mesh, name, key.type, values[key.attribute][rows])
+            for part in work:
+                for key in names.keys_of(part.attributes):
+                    name = names.UNFINISHED + names.key_name(key, number)
+                    points.write(part.mesh, name, key.type, values[key.attribute][part.rows])
             yield number + 1, len(ranks)
     except BaseException:
-        points.remove(mesh, (names.UNFINISHED,))
+        for part in work:
+            points.remove(part.mesh, (names.UNFINISHED,))
         raise
     finally:
-        if obj.aa4d.view == ACTIVE:
+        if lead.aa4d.view == ACTIVE:
             scene.frame_set(math.floor(frame), subframe=frame % 1)
-    points.remove(mesh, WITH_KEYS)
-    for attribute in [a for a in mesh.attributes if a.name.startswith(names.UNFINISHED)]:
-        attribute.name = attribute.name.removeprefix(names.UNFINISHED)
-    modifier = time_modifier(obj)
-    modifier.node_group = time_nodes.baked_group(attributes)
-    for name, value in (
-        (time_nodes.CLIP_FRAMES, model.frame_count),
-        (time_nodes.KEY_FIRST, float(ranks[0])),
-        (time_nodes.KEY_STEP, float(ranks[1] - ranks[0]) if len(ranks) > 1 else 1.0),
-        (time_nodes.KEY_COUNT, len(ranks)),
-    ):
-        inputs.put(modifier, name, value)
-    obj.aa4d.playback = "BAKED"
-    mesh.update()
+    for part in work:
+        points.remove(part.mesh, WITH_KEYS)
+        for attribute in [a for a in part.mesh.attributes if a.name.startswith(names.UNFINISHED)]:
+            attribute.name = attribute.name.removeprefix(names.UNFINISHED)
+        part.modifier.node_group = time_nodes.baked_group(part.attributes)
+        for name, value in (
+            (time_nodes.CLIP_FRAMES, model.frame_count),
+            (time_nodes.KEY_FIRST, float(ranks[0])),
+            (time_nodes.KEY_STEP, float(ranks[1] - ranks[0]) if len(ranks) > 1 else 1.0),
+            (time_nodes.KEY_COUNT, len(ranks)),
+        ):
+            inputs.put(part.modifier, name, value)
+        part.mesh.update()
+    for part_object in objects:
+        part_object.aa4d.playback = "BAKED"
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What one object of an import takes of a bake."""
+
+    mesh: bpy.types.Mesh
+    rows: slice | np.ndarray
+    attributes: set[names.Attribute]
+    modifier: bpy.types.Modifier
+
+
+def largest_error_m(obj: bpy.types.Object, options: BakeOptions) -> float:
+    """How far, at most, a vehicle's anchors leave their path between two keys, metres; 0 without vehicles.
+
+    Raises:
+        ModelFileError: as `playback.loaded_of`.
+    """
+    model = playback.loaded_of(obj).field.model
+    if model.groups is None or model.static:
+        return 0.0
+    times = [model.time_of_rank(rank) for rank in _ranks(options, model.frame_count)]
+    return model.scale * groups.chord_error(model.groups, model.tensors["anchors.position"], times)
 
 
 def free(obj: bpy.types.Object) -> None:
-    """Remove the keys, if there are any, and switch the object to live playback."""
-    points.remove(obj.data, WITH_KEYS)
-    time_modifier(obj).node_group = time_nodes.live_group()
-    obj.aa4d.playback = "LIVE"
-    obj.data.pop(names.STAMP_PROPERTY, None)
-    obj.data.update()
+    """Remove the keys of all objects of an import, if there are any, and switch them to live playback."""
+    for part in parts.parts(obj):
+        points.remove(part.data, WITH_KEYS)
+        time_modifier(part).node_group = time_nodes.live_group()
+        part.aa4d.playback = "LIVE"
+        part.data.pop(names.STAMP_PROPERTY, None)
+        part.data.update()
 
 
 def time_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:

@@ -25,14 +25,17 @@ def create_camera(model: Model, name: str) -> bpy.types.Object:
     # Shifts are in units of the image's width as it is seen, which pixel_aspect makes equal on both axes.
     data.shift_x = (camera.width / 2 - K[0, 2]) / camera.width
     data.shift_y = (K[1, 2] - camera.height / 2) / camera.width * K[0, 0] / K[1, 1]
-    positions = model.scale * model.tensors["anchors.position"] + model.translation
-    reach = np.abs(positions).max(axis=0) + np.abs(model.camera_centers).max(axis=0)
+    positions = model.tensors["anchors.position"]
+    if model.groups is not None:  # a rider's place counts from its group's
+        positions = np.concatenate([positions, model.groups.control[..., :3].reshape(-1, 3)])
+    reach = np.abs(model.scale * positions + model.translation).max(axis=0) + np.abs(model.camera_centers).max(axis=0)
     data.clip_end = max(1000.0, 2.0 * float(np.linalg.norm(reach)))
     obj = bpy.data.objects.new(name, data)
     obj.rotation_mode = "QUATERNION"
     rotations = model.viewmats[:, :3, :3].transpose(0, 2, 1) @ OPENCV_TO_BLENDER
-    _animate(obj, "location", model.camera_centers)
-    _animate(obj, "rotation_quaternion", _quaternions(rotations))
+    quaternions = np.array([Matrix(rotation.tolist()).to_quaternion() for rotation in rotations])
+    animate(obj, "location", model.camera_centers)
+    animate(obj, "rotation_quaternion", in_one_hemisphere(quaternions))
     return obj
 
 
@@ -79,16 +82,15 @@ def capture_folder(model: Model) -> Path | None:
     return folder if isinstance(index, dict) and index.get("format") == "aa4d-capture" else None
 
 
-def _quaternions(rotations: Doubles) -> Doubles:
+def in_one_hemisphere(quaternions: Doubles) -> Doubles:
     """Quaternions [n, 4], each in the hemisphere of the one before, so that nothing turns the long way round."""
-    quaternions = np.array([Matrix(rotation.tolist()).to_quaternion() for rotation in rotations])
     for previous, quaternion in itertools.pairwise(quaternions):
         if previous @ quaternion < 0:
             quaternion *= -1
     return quaternions
 
 
-def _animate(obj: bpy.types.Object, path: str, values: Doubles) -> None:
+def animate(obj: bpy.types.Object, path: str, values: Doubles) -> None:
     """Key the property with one row of values [n, components] a frame, linear between."""
     setattr(obj, path, values[0])
     obj.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them

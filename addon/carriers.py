@@ -15,8 +15,11 @@ from .field import (
     anchor_appearance,
     anchor_positions,
     anchor_state,
+    centers,
+    in_model_frame,
     local_gaussians,
     plane_weights,
+    presence,
     to_world,
 )
 from .model import Doubles
@@ -63,7 +66,8 @@ def evaluate(
             names.ROTATION: gaussians.quaternions.reshape(-1, 4),
         }
     repeats = points_per_anchor(field, carrier)
-    for attribute, value in _inspect(field, t, state.positions, wanted).items():
+    _hide_absent(values, np.repeat(presence(field, state) > 0, repeats))
+    for attribute, value in _inspect(field, t, state, wanted).items():
         values[attribute] = np.repeat(value, repeats)
     for attribute in (names.POSITION, names.COLOR, names.RADIUS):
         if not np.isfinite(values[attribute]).all():
@@ -78,14 +82,24 @@ def positions(field: Field, carrier: str, t: float) -> Floats:
     if carrier == names.ANCHORS:
         return to_world(field.model, anchor_positions(field, t))
     state = anchor_state(field, t)
-    centers = state.positions[:, None] + state.offsets * state.scales[:, None, :3]
-    return to_world(field.model, centers.reshape(-1, 3))
+    places = state.positions[:, None] + state.offsets * state.scales[:, None, :3]
+    places = in_model_frame(field.model, state.poses, places, slice(0, len(places)))
+    return to_world(field.model, places.reshape(-1, 3))
+
+
+def _hide_absent(values: dict[names.Attribute, Floats], there: np.ndarray) -> None:
+    """Take the size of what is not there: an opaque look that draws every opacity draws nothing of it either."""
+    if not there.all():
+        values[names.RADIUS] = values[names.RADIUS] * there
+        if names.SCALE in values:
+            values[names.SCALE] = values[names.SCALE] * there[:, None]
 
 
 def _anchors(field: Field, state: AnchorState, camera_center: Doubles, *, shape: bool) -> dict[names.Attribute, Floats]:
     """One point an anchor: its Gaussians' colours weighted by their opacity; opacity and shape of the most opaque one.
 
-    The radius is the opacity-weighted mean of the Gaussians' reach. The shape is scaled to that radius.
+    The radius is the opacity-weighted mean of the Gaussians' reach. The shape is scaled to that radius. A group that
+    fades in or out loses opacity alone.
     """
     colors, opacities, reach = anchor_appearance(field, state, camera_center)
     opacity = np.maximum(opacities, 0)
@@ -93,9 +107,9 @@ def _anchors(field: Field, state: AnchorState, camera_center: Doubles, *, shape:
     share /= share.sum(axis=1, keepdims=True)
     radius = np.float32(RADIUS_SIGMAS) * np.einsum("nk,nk->n", share, reach)
     values = {
-        names.POSITION: to_world(field.model, state.positions),
+        names.POSITION: to_world(field.model, centers(field, state)),
         names.COLOR: linear_rgba(np.matmul(share[:, None], colors)[:, 0]),
-        names.OPACITY: opacity.max(axis=1),
+        names.OPACITY: opacity.max(axis=1) * presence(field, state),
         names.RADIUS: radius,
     }
     if shape:
@@ -108,13 +122,13 @@ def _anchors(field: Field, state: AnchorState, camera_center: Doubles, *, shape:
 
 
 def _inspect(
-    field: Field, t: float, anchors: Floats, wanted: Collection[names.Attribute]
+    field: Field, t: float, state: AnchorState, wanted: Collection[names.Attribute]
 ) -> dict[names.Attribute, Floats]:
     """The wanted diagnostics, one value an anchor."""
     model = field.model
     values: dict[names.Attribute, Floats] = {}
     if names.DISPLACEMENT in wanted:
-        moved = anchors - model.tensors["anchors.position"]
+        moved = centers(field, state) - field.canonical
         values[names.DISPLACEMENT] = np.float32(model.scale) * np.linalg.norm(moved, axis=1)
     if names.SPEED in wanted:
         values[names.SPEED] = _speed(field, t)

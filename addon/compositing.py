@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from . import look_nodes, materials, modifiers, names, points
+from . import look_nodes, materials, modifiers, names, parts, points
 from .container import Floats
 from .model import Doubles
 
@@ -59,8 +59,9 @@ def fit_ground(positions: Floats) -> Ground:
 
 
 def set_up(context: bpy.types.Context, obj: bpy.types.Object, mode: str, *, sun: bool, passes: bool) -> None:
-    """Set scene, object and passes up; what an earlier call made is made anew."""
-    scene = context.scene
+    """Set scene, objects of the import and passes up; what an earlier call made is made anew."""
+    scene, together = context.scene, parts.parts(obj)
+    obj = together[0]
     opacity = points.read(obj.data, names.OPACITY.name)
     positions = points.read(obj.data, names.POSITION.name)
     ground = fit_ground(positions[opacity >= 0.5] if (opacity >= 0.5).sum() >= 3 else positions)
@@ -69,19 +70,23 @@ def set_up(context: bpy.types.Context, obj: bpy.types.Object, mode: str, *, sun:
         if old is not None:
             bpy.data.objects.remove(old)
     over_plate = mode == PLATE
-    look = modifiers.of(obj, names.LOOK_MODIFIER)
-    obj.is_holdout = over_plate
-    obj.visible_shadow = not over_plate
     scene.render.film_transparent = over_plate
     scene.render.engine = "CYCLES"
     scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, 64)
-    if look is not None:
-        modifiers.put(look, look_nodes.LIT, not over_plate)
-        modifiers.put(look, look_nodes.CROP, look_nodes.INSIDE if over_plate else look_nodes.NO_CROP)
+    occluders = None
     if over_plate:
         _make_ground(obj, ground)
+        highest = max(float(points.read(part.data, names.POSITION.name)[:, 2].max(initial=-1e4)) for part in together)
+        occluders = _make_occluders(obj, ground, highest)
+    for part in together:
+        part.is_holdout = over_plate
+        part.visible_shadow = not over_plate
+        look = modifiers.of(part, names.LOOK_MODIFIER)
         if look is not None:
-            modifiers.put(look, look_nodes.CROP_OBJECT, _make_occluders(obj, ground, positions))
+            modifiers.put(look, look_nodes.LIT, not over_plate)
+            modifiers.put(look, look_nodes.CROP, look_nodes.INSIDE if over_plate else look_nodes.NO_CROP)
+            if occluders is not None:
+                modifiers.put(look, look_nodes.CROP_OBJECT, occluders)
     if sun and not any(other.type == "LIGHT" for other in scene.objects):
         _make_sun(obj)
     if passes:
@@ -98,11 +103,11 @@ def _make_ground(obj: bpy.types.Object, ground: Ground) -> None:
     _link_beside(obj, plane)
 
 
-def _make_occluders(obj: bpy.types.Object, ground: Ground, positions: Floats) -> bpy.types.Object:
-    """A box around what stands on the ground."""
+def _make_occluders(obj: bpy.types.Object, ground: Ground, highest: float) -> bpy.types.Object:
+    """A box around what stands on the ground, up to `highest` metres."""
     middle = (ground.lower + ground.upper) / 2
     floor = float(ground.z(middle)) + CLEARANCE_M
-    top = max(float(positions[:, 2].max()), floor + 1.0)
+    top = max(highest, floor + 1.0)
     box = bpy.data.objects.new(f"{obj.name} Occluders", None)
     box.empty_display_type, box.parent = "CUBE", obj
     box.location = (*middle, (floor + top) / 2)

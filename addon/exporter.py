@@ -3,13 +3,13 @@
 import math
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from . import look_nodes, materials, modifiers, names, points, snapshot, splat_ply, time_nodes
+from . import look_nodes, materials, modifiers, names, parts, points, snapshot, splat_ply, time_nodes
 from .container import Floats
 from .node_tree import Tree, versioned_group
 
@@ -19,15 +19,17 @@ USD_KEYS = (names.POSITION, names.COLOR, names.OPACITY, names.RADIUS)
 def export_ply(obj: bpy.types.Object, context: bpy.types.Context, path: Path, frames: Sequence[int]) -> list[Path]:
     """Write one PLY for each frame of the timeline; with several frames the number is added to the name.
 
+    With a lead go those of its vehicles that are shown.
+
     Raises:
         OSError: a file cannot be written.
     """
     written = []
-    with _bare(obj, context.scene):
+    with _bare(obj, context.scene) as objects:
         for frame in frames:
             context.scene.frame_set(frame)
-            now = snapshot.take(obj, context.evaluated_depsgraph_get())
-            seen = now.opacity >= snapshot.faintest(obj)
+            now = snapshot.take(objects, context.evaluated_depsgraph_get())
+            seen = now.seen
             target = path if len(frames) == 1 else path.with_name(f"{path.stem}_{frame:04}{path.suffix}")
             colors = srgb(now.colors[seen, :3])
             splat_ply.write_ply(
@@ -48,12 +50,12 @@ def export_usd(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
         OSError: the file cannot be written.
     """
     scene = context.scene
-    with _bare(obj, scene):
+    with _bare(obj, scene) as objects:
         moments = []
         for frame in frames:
             scene.frame_set(frame)
-            moments.append(snapshot.take(obj, context.evaluated_depsgraph_get()))
-    seen = np.max([moment.opacity for moment in moments], axis=0) >= snapshot.faintest(obj)
+            moments.append(snapshot.take(objects, context.evaluated_depsgraph_get()))
+    seen = np.any([moment.seen for moment in moments], axis=0)
     cloud = _cloud(obj, context, moments, seen, frames[0])
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     kept = scene.frame_start, scene.frame_end
@@ -85,14 +87,13 @@ def _cloud(
     first_frame: int,
 ) -> bpy.types.Object:
     """A selected point cloud object that plays the moments from `first_frame` on."""
-    mesh = points.create_mesh(obj.name, int(seen.sum()))
+    mesh = points.create_mesh(obj.name, moments[0].ids[seen])
     for number, moment in enumerate(moments):
         values = {names.POSITION: moment.positions, names.RADIUS: moment.radius, names.COLOR: moment.colors.copy()}
         values[names.COLOR][:, 3] = moment.opacity
         for key in names.keys_of(values):
             points.write(mesh, names.key_name(key, number), key.type, values[key.attribute][seen])
     points.write(mesh, names.POSITION.name, names.POSITION.type, moments[0].positions[seen])
-    points.write(mesh, names.ID.name, names.ID.type, moments[0].ids[seen])
     cloud = bpy.data.objects.new(obj.name, mesh)
     cloud.matrix_world = obj.matrix_world
     context.collection.objects.link(cloud)
@@ -127,9 +128,21 @@ def _radius_group() -> bpy.types.NodeTree:
 
 
 @contextmanager
-def _bare(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
-    """The object as points with their full shape and no look, and the timeline back where it was afterwards."""
-    frame = scene.frame_current_final
+def _bare(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[list[bpy.types.Object]]:
+    """The object, and what is shown with it, as points with their full shape and no look; the timeline is back where
+    it was afterwards."""
+    frame, objects = scene.frame_current_final, list(parts.shown_with(obj))
+    try:
+        with ExitStack() as stack:
+            for part in objects:
+                stack.enter_context(_with_shape(part))
+            yield objects
+    finally:
+        scene.frame_set(math.floor(frame), subframe=frame % 1)
+
+
+@contextmanager
+def _with_shape(obj: bpy.types.Object) -> Iterator[None]:
     look = modifiers.of(obj, names.LOOK_MODIFIER)
     kind = modifiers.get(look, look_nodes.LOOK) if look is not None else None
     try:
@@ -140,7 +153,6 @@ def _bare(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
     finally:
         if look is not None:
             modifiers.put(look, look_nodes.LOOK, kind)
-        scene.frame_set(math.floor(frame), subframe=frame % 1)
 
 
 def srgb(linear: Floats) -> Floats:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .container import Floats, ModelFileError
+from .groups import Poses
 from .model import PLANES, WEIGHTED, Doubles, Model
 from .products import over_chunks, product
 
@@ -59,6 +60,7 @@ class Field:
     """A model made ready for evaluation."""
 
     model: Model
+    canonical: Floats  # [N, 3] the anchors at rest: riders where their group is at its reference
     levels: tuple[Level, ...]  # empty for a static model
     weights: TimeNetwork | None  # Phi_w, the scores of ACFA; None where the planes are not weighted
     offset: TimeNetwork | None  # Phi_o of DLGD; None when DLGD is off
@@ -67,8 +69,9 @@ class Field:
 
 @dataclass(frozen=True)
 class AnchorState:
-    """The anchors at one time, model frame."""
+    """The anchors at one time, those of a group in its frame, the others in the model's."""
 
+    poses: Poses | None  # where the groups are then
     positions: Floats  # [N, 3]
     features: Floats  # [N, F]
     offsets: Floats  # [N, K, 3]
@@ -77,7 +80,7 @@ class AnchorState:
 
 @dataclass(frozen=True)
 class LocalGaussians:
-    """The decoded local Gaussians of every anchor, in world metres."""
+    """The decoded local Gaussians of every anchor, in world metres; riders have been moved with their group."""
 
     positions: Floats  # [N, K, 3]
     colors: Floats  # [N, K, 3] sRGB
@@ -92,11 +95,14 @@ def prepare(model: Model) -> Field:
     Raises:
         ModelFileError: that would take memory out of all proportion to the file, as only a hostile one does.
     """
-    if model.static:
-        return Field(model, (), None, None, None)
-    _check_memory(model)
     tensors = model.tensors
-    query = _warped_positions(model)
+    canonical = tensors["anchors.position"]
+    if model.groups is not None:
+        canonical = in_model_frame(model, model.groups.at_reference(), canonical, slice(0, len(canonical)))
+    if model.static:
+        return Field(model, canonical, (), None, None, None)
+    _check_memory(model)
+    query = _warped(model, canonical)
     levels = []
     for level in range(model.config.levels):
         planes = {
@@ -116,6 +122,7 @@ def prepare(model: Model) -> Field:
     config = model.config
     return Field(
         model,
+        canonical,
         tuple(levels),
         _time_network(model, "acfa", *WEIGHTED[config.aggregation]) if config.aggregation in WEIGHTED else None,
         _time_network(model, "dlgd_offset", "embedding_offset", True) if config.dlgd else None,
@@ -153,16 +160,43 @@ def anchor_state(field: Field, t: float, *, offsets: bool = True) -> AnchorState
 
     scales = np.empty_like(log_scales)
     over_chunks(len(positions), move)
-    return AnchorState(positions, features, spread, scales)
+    return AnchorState(_poses(model, t), positions, features, spread, scales)
 
 
 def anchor_positions(field: Field, t: float) -> Floats:
-    """The centres [N, 3] of `anchor_state` alone, model frame."""
-    positions = field.model.tensors["anchors.position"]
-    if not field.levels:
-        return positions
-    encoded = _Encoded(field, t)
-    return positions + _gathered(len(positions), lambda part: _mlp(field.model, "head_position", encoded.at(part)))
+    """The anchors' places [N, 3] alone, in the model's frame: riders have been moved with their group."""
+    model = field.model
+    positions = model.tensors["anchors.position"]
+    if field.levels:
+        encoded = _Encoded(field, t)
+        positions = positions + _gathered(len(positions), lambda part: _mlp(model, "head_position", encoded.at(part)))
+    return in_model_frame(model, _poses(model, t), positions, slice(0, len(positions)))
+
+
+def centers(field: Field, state: AnchorState) -> Floats:
+    """The anchors' places [N, 3] of `anchor_state`, in the model's frame."""
+    return in_model_frame(field.model, state.poses, state.positions, slice(0, len(state.positions)))
+
+
+def presence(field: Field, state: AnchorState) -> Floats:
+    """The share [N] of its opacity that each anchor has then: of a group that has not come yet, none."""
+    groups = field.model.groups
+    shares = np.ones(field.model.anchor_count, np.float32)
+    if groups is not None and state.poses is not None:
+        shares[groups.riders] = state.poses.presence[groups.of_anchor[groups.riders]]
+    return shares
+
+
+def in_model_frame(model: Model, poses: Poses | None, points: Floats, part: slice) -> Floats:
+    """Points [n, ..., 3] of a slice of the anchors, each in its anchor's frame, in the model's frame."""
+    if model.groups is None or poses is None:
+        return points
+    rows, group = model.groups.within(part)
+    if not len(rows):
+        return points
+    moved = points.copy()
+    moved[rows] = poses.to_world(group, points[rows])
+    return moved
 
 
 def plane_weights(field: Field, t: float) -> Floats:
@@ -187,15 +221,21 @@ def local_gaussians(field: Field, state: AnchorState, camera_center: Doubles) ->
     model = field.model
     K = model.config.offsets
     decoder = _Decoder(model, state, camera_center)
+    share = presence(field, state)
 
     def decode(part: slice) -> tuple[Floats, ...]:
         colors, opacities, hidden = decoder.at(part)
+        opacities *= share[part, None]
         covariance = _output(hidden, *_layer(model, "decoder_covariance.output")).reshape(-1, K, 7)
         sizes = state.scales[part, None]
         scales = np.float32(model.scale) * sizes[..., 3:] * _sigmoid(covariance[..., :3])
         quaternions = covariance[..., 3:]
         quaternions = quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), np.float32(1e-12))
-        positions = to_world(model, state.positions[part, None] + state.offsets[part] * sizes[..., :3])
+        positions = state.positions[part, None] + state.offsets[part] * sizes[..., :3]
+        positions = to_world(model, in_model_frame(model, state.poses, positions, part))
+        if model.groups is not None and state.poses is not None:
+            rows, group = model.groups.within(part)
+            quaternions[rows] = state.poses.turn(group, quaternions[rows])
         return positions, colors, opacities, scales, quaternions
 
     return LocalGaussians(*_columns(over_chunks(len(state.positions), decode)))
@@ -205,7 +245,8 @@ def anchor_appearance(
     field: Field, state: AnchorState, camera_center: Doubles
 ) -> tuple[Floats, Floats, Floats]:  # sRGB [N, K, 3], opacities [N, K], reach [N, K]
     """Of `local_gaussians` what one point an anchor needs, without places and rotations: colours, opacities, and the
-    reach of each, the geometric mean of its two largest standard deviations in metres."""
+    reach of each, the geometric mean of its two largest standard deviations in metres. Opacities are those of a group
+    that is wholly there."""
     model = field.model
     K = model.config.offsets
     rows = np.arange(7 * K).reshape(K, 7)[:, :3].ravel(order="F")  # all first axes, all second, all third
@@ -290,12 +331,19 @@ def _time_network(model: Model, name: str, embedding: str | None, timed: bool) -
     return TimeNetwork(static, time, *_layer(model, f"{name}.output"))
 
 
-def _warped_positions(model: Model) -> Floats:
-    """Step 1: the anchors in the field's box, [-1, 1], through DACW: [N, 3]."""
+def _poses(model: Model, t: float) -> Poses | None:
+    """Where the groups are at t; in a static model at their reference at all times."""
+    if model.groups is None:
+        return None
+    return model.groups.at_reference() if model.static else model.groups.at(t)
+
+
+def _warped(model: Model, canonical: Floats) -> Floats:
+    """Step 1: the anchors [N, 3] in the field's box, [-1, 1], through DACW: [N, 3]."""
     lower, upper = model.tensors["field.box"]
     boundaries = model.tensors["warp.boundaries"]
     uniform = np.linspace(-1, 1, boundaries.shape[1])
-    u = np.clip(2 * (model.tensors["anchors.position"] - lower) / (upper - lower) - 1, -1, 1)
+    u = np.clip(2 * (canonical - lower) / (upper - lower) - 1, -1, 1)
     return np.stack([np.interp(u[:, axis], uniform, boundaries[axis]) for axis in range(3)], axis=1).astype(np.float32)
 
 
@@ -381,13 +429,18 @@ class _Decoder:
 
     def __init__(self, model: Model, state: AnchorState, camera_center: Doubles) -> None:
         self.model, self.state = model, state
-        self.center = ((camera_center - model.translation) / model.scale).astype(np.float32)
+        center = (camera_center - model.translation) / model.scale
+        self.center = np.broadcast_to(center.astype(np.float32), state.positions.shape)
+        if model.groups is not None and state.poses is not None:  # riders are seen from within their group's frame
+            riders = model.groups.riders
+            self.center = self.center.copy()
+            self.center[riders] = state.poses.to_group(model.groups.of_anchor[riders], center)
         self.hidden = _joined(model, (f"{name}.hidden" for name in self.NAMES))
         self.ends = np.cumsum([len(model.tensors[f"{name}.hidden.bias"]) for name in self.NAMES])
 
     def at(self, part: slice) -> tuple[Floats, Floats, Floats]:
         """Of a slice of the anchors: colours [n, K, 3], opacities [n, K], the covariance's hidden layer [n, width]."""
-        direction = self.state.positions[part] - self.center
+        direction = self.state.positions[part] - self.center[part]
         direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.float32(1e-12))
         hidden = _relu(_output(np.concatenate([self.state.features[part], direction], axis=1), *self.hidden))
         color, opacity, covariance = np.split(hidden, self.ends[:-1], axis=1)

@@ -15,13 +15,15 @@ from . import (
     materials,
     modifiers,
     names,
+    parts,
     playback,
     points,
     properties,
     time_nodes,
 )
 from .camera import capture_folder, create_camera, show_frames
-from .container import ModelFileError
+from .container import Floats, ModelFileError
+from .field import Field, Indices
 from .model import Model
 from .scene import set_timeline, set_up_scene
 
@@ -37,7 +39,11 @@ class ImportOptions:
     background_frames: bool = True
     set_timeline: bool = True
     set_up_scene: bool = False
+    vehicles: bool = True  # an object for each vehicle, where the model has any
     largest: int = 2_000_000  # points
+
+
+MOST_VEHICLES = 1000  # that become objects
 
 
 @dataclass(frozen=True)
@@ -66,24 +72,28 @@ def import_model(
             f"{model.path.name} has {count:,} {options.carrier.lower()}, more than the {options.largest:,} allowed "
             "here; import the anchors, or allow more."
         )
+    divided = parts.rows_of_parts(model) if options.vehicles and model.groups is not None else None
+    if divided is not None and len(divided) > MOST_VEHICLES:
+        raise ModelFileError(
+            f"{model.path.name} has {len(divided) - 1:,} vehicles, more than the {MOST_VEHICLES:,} that become "
+            "objects; import it without Vehicles as Objects."
+        )
     name = os.path.basename(os.path.dirname(path)) or "AdaAnchor4D"
-    mesh = points.create_mesh(name, count)
-    obj = bpy.data.objects.new(name, mesh)
-    settings = obj.aa4d
-    settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
-    settings.last_place, settings.content = path, loaded.content
-    settings.carrier, settings.view = options.carrier, options.view
-    settings.frozen_view = model.camera_center_at(0.5)
-    modifiers.put(bake.time_modifier(obj), time_nodes.CLIP_FRAMES, model.frame_count)
-    look = obj.modifiers.new(names.LOOK_MODIFIER, "NODES")
-    look.node_group = look_nodes.look_group()
-    modifiers.put(look, look_nodes.LOOK, options.look)
+    rows = np.arange(model.anchor_count) if divided is None else divided[0][1]
+    obj = _make_object(name, loaded, path, options, rows)
     collection.objects.link(obj)
     try:
         playback.show(obj, scene)
     except BaseException:  # the model cannot be evaluated: as if it had not been read
-        bpy.data.batch_remove([obj, mesh])
+        bpy.data.batch_remove([obj, obj.data])
         raise
+    if divided is not None and len(divided) > 1:
+        collection.objects.unlink(obj)
+        outer = bpy.data.collections.new(name)
+        collection.children.link(outer)
+        collection = outer
+        collection.objects.link(obj)
+        _make_vehicles(obj, loaded, path, options, divided[1:], collection)
     camera = create_camera(model, f"{name} Camera") if options.import_camera else None
     if camera is not None:
         collection.objects.link(camera)
@@ -94,26 +104,87 @@ def import_model(
         scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))
     if options.set_up_scene:
         set_up_scene(scene, camera, model)
-    playback.show(obj, scene)
+    for part in parts.parts(obj):
+        playback.show(part, scene)
     return Imported(model, obj, camera)
 
 
+def _make_object(
+    name: str, loaded: playback.Loaded, path: str, options: ImportOptions, rows: Indices
+) -> bpy.types.Object:
+    """The points of some of the anchors, with the modifiers that play and draw them."""
+    field = loaded.field
+    repeats = carriers.points_per_anchor(field, options.carrier)
+    ids = (rows[:, None] * repeats + np.arange(repeats)).ravel()
+    mesh = points.create_mesh(name, ids)
+    _write_groups(mesh, field, ids // repeats)
+    obj = bpy.data.objects.new(name, mesh)
+    settings = obj.aa4d
+    settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
+    settings.last_place, settings.content = path, loaded.content
+    settings.carrier, settings.view = options.carrier, options.view
+    settings.frozen_view = field.model.camera_center_at(0.5)
+    modifiers.put(bake.time_modifier(obj), time_nodes.CLIP_FRAMES, field.model.frame_count)
+    look = obj.modifiers.new(names.LOOK_MODIFIER, "NODES")
+    look.node_group = look_nodes.look_group()
+    modifiers.put(look, look_nodes.LOOK, options.look)
+    return obj
+
+
+def _write_groups(mesh: bpy.types.Mesh, field: Field, anchors: Indices) -> None:
+    """Say of every vertex which vehicle its anchor rides on; nothing in a model without vehicles."""
+    groups = field.model.groups
+    if groups is not None:
+        points.write(mesh, names.GROUP.name, names.GROUP.type, groups.of_anchor[anchors])
+    elif names.GROUP.name in mesh.attributes:
+        points.remove(mesh, (names.GROUP.name,))
+
+
+def _make_vehicles(
+    first: bpy.types.Object,
+    loaded: playback.Loaded,
+    path: str,
+    options: ImportOptions,
+    divided: list[tuple[int, Indices]],
+    collection: bpy.types.Collection,
+) -> None:
+    """An object and a handle for each group, in two collections of their own, as children of the lead."""
+    model = loaded.field.model
+    vehicles, handles = (bpy.data.collections.new(f"{first.name} {kind}") for kind in ("Vehicles", "Handles"))
+    for group, rows in divided:
+        name = parts.vehicle_name(model, group)
+        vehicle = _make_object(name, loaded, path, options, rows)
+        handle = parts.make_handle(model, group, f"{name} Handle")
+        vehicle.parent = handle.parent = first
+        parts.follow(vehicle, first)
+        vehicles.objects.link(vehicle)
+        handles.objects.link(handle)
+    for inner in (vehicles, handles):
+        collection.children.link(inner)
+
+
 def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
-    """Let an imported object show this file from now on.
+    """Let an imported object, and those that were imported with it, show this file from now on.
 
     Raises:
         ModelFileError: the file is unusable, or has fewer points than the object shows; the object is left as it was.
     """
     path = _chosen(path)
     loaded = playback.load(path)
-    playback.check_fits(obj, loaded)
-    settings = obj.aa4d
-    settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
-    settings.last_place, settings.content = path, loaded.content
-    modifiers.put(bake.time_modifier(obj), time_nodes.CLIP_FRAMES, loaded.field.model.frame_count)
-    playback.problems.pop(obj.session_uid, None)
-    if settings.playback == "LIVE":
-        playback.show(obj, scene)
+    together = parts.parts(obj)  # found now: which belong together is told by the content that they show
+    for part in together:
+        playback.check_fits(part, loaded)
+    for part in together:
+        settings = part.aa4d
+        settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
+        settings.last_place, settings.content = path, loaded.content
+        modifiers.put(bake.time_modifier(part), time_nodes.CLIP_FRAMES, loaded.field.model.frame_count)
+        repeats = carriers.points_per_anchor(loaded.field, settings.carrier)
+        _write_groups(part.data, loaded.field, points.ids(part.data) // repeats)
+        playback.problems.pop(part.session_uid, None)
+    for part in together:
+        if part.aa4d.playback == "LIVE":
+            playback.show(part, scene)
 
 
 def _chosen(path: str) -> str:
@@ -128,7 +199,7 @@ def _chosen(path: str) -> str:
 
 
 def label_activity(obj: bpy.types.Object) -> dict[str, int]:
-    """Write the activity at each point's anchor; how many points have which.
+    """Write the activity at each point's anchor, in all objects of the import; how many points have which.
 
     Raises:
         ModelFileError: the model or its capture is not found, or knows no activity.
@@ -140,14 +211,25 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     folder = capture_folder(model)
     if folder is None:
         raise ModelFileError(f"The capture that {model.path.name} was trained on is not beside it.")
-    labels = activity.label_anchors(model, folder, lambda rank: loaded.trail(names.ANCHORS, rank), _read_labels)
-    rows = points.ids(obj.data) // carriers.points_per_anchor(loaded.field, obj.aa4d.carrier)
-    points.write(obj.data, names.ACTIVITY.name, names.ACTIVITY.type, labels[rows])
-    obj.data.update()
+    labels = activity.label_anchors(model, folder, lambda rank: _shown_anchors(loaded, rank), _read_labels)
+    written = []
+    for part in parts.parts(obj):
+        rows = points.ids(part.data) // carriers.points_per_anchor(loaded.field, part.aa4d.carrier)
+        points.write(part.data, names.ACTIVITY.name, names.ACTIVITY.type, labels[rows])
+        part.data.update()
+        written.append(labels[rows])
     known = ("not seen", *activity.LABELS)
-    return {
-        known[label + 1]: int(count) for label, count in zip(*np.unique(labels[rows], return_counts=True), strict=True)
-    }
+    counts = np.unique(np.concatenate(written), return_counts=True)
+    return {known[label + 1]: int(count) for label, count in zip(*counts, strict=True)}
+
+
+def _shown_anchors(loaded: playback.Loaded, rank: int) -> Floats:
+    """The anchors [N, 3] at a frame, world metres; NaN for those of vehicles that it does not show."""
+    model, places = loaded.field.model, loaded.trail(names.ANCHORS, rank)
+    if model.groups is None or model.static:
+        return places
+    absent = model.groups.presence(model.time_of_rank(rank)) == 0
+    return np.where(np.append(absent, False)[model.groups.of_anchor][:, None], np.float32(np.nan), places)
 
 
 def _read_labels(path: Path) -> np.ndarray:

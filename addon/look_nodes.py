@@ -7,7 +7,7 @@ import bpy
 from . import materials, names
 from .node_tree import Tree, socket, versioned_group
 
-VERSION = 4
+VERSION = 5
 LOOK, SIZE, LIT = "Look", "Size", "Lit"
 COLOR_BY, PLANE, LOW, HIGH = "Colour By", "Plane", "Low", "High"
 MINIMUM_OPACITY, NEAREST, FARTHEST = "Minimum Opacity", "Moved at Least", "Moved at Most"
@@ -20,7 +20,8 @@ LOOKS = {
     materials.DISCS: "Opaque discs across the thinnest direction of the Gaussians",
     materials.GAUSSIANS: "Ellipsoids with the exact Gaussian falloff: the trained picture",
 }
-TRAINED, ACTIVITY, ID = "Trained Colour", "Activity", "Anchor"
+TRAINED, ACTIVITY, ID, VEHICLE = "Trained Colour", "Activity", "Anchor", "Vehicle"
+PAINT, PAINT_SHARE = "Paint", "Paint Strength"
 
 
 class Scalar(NamedTuple):
@@ -43,6 +44,7 @@ SCALARS = {
 CATEGORIES = {
     ACTIVITY: "The activity that the capture's truth knows at the anchor, a colour each",
     ID: "A colour for each anchor",
+    VEHICLE: "A colour for each vehicle, grey for what belongs to none",
 }
 RAMP_NAME = "Legend"
 # A perceptually even ramp from dark violet to yellow, linear RGB.
@@ -111,6 +113,21 @@ def _make_inputs(tree: Tree) -> None:
     tree.make_input(PLANE, "Menu", "The plane whose weight is shown", default_value="xt")
     tree.make_input(LOW, "Float", "The value at the legend's left end")
     tree.make_input(HIGH, "Float", "The value at the legend's right end", default_value=1.0)
+    tree.make_input(
+        PAINT,
+        "Color",
+        "Hue and saturation to give the points; how light they are stays",
+        default_value=(0.8, 0.02, 0.02, 1),
+    )
+    tree.make_input(
+        PAINT_SHARE,
+        "Float",
+        "How much of the paint is taken",
+        default_value=0.0,
+        min_value=0.0,
+        max_value=1.0,
+        subtype="FACTOR",
+    )
     tree.open_panel("Filter")
     tree.make_input(
         MINIMUM_OPACITY,
@@ -152,14 +169,25 @@ def _colored(tree: Tree, geometry: Any) -> Any:
         "Reach": tree.named(names.RADIUS.name, "FLOAT"),
     }
     colors = {name: _ramp(tree, values[name]) for name in SCALARS}
-    activity = tree.node("GeometryNodeInputNamedAttribute", {"Name": names.ACTIVITY.name}, data_type="INT")
-    known = tree.switch("FLOAT", activity.outputs["Exists"], -1.0, socket(activity.outputs, "Attribute"))
-    colors[ACTIVITY] = _category_color(tree, known)
+    colors[ACTIVITY] = _category_color(tree, _number_of(tree, names.ACTIVITY))
     colors[ID] = _category_color(tree, tree.named(names.ID.name, "INT"))
+    colors[VEHICLE] = _category_color(tree, _number_of(tree, names.GROUP))
     described = {name: scalar.description for name, scalar in SCALARS.items()} | CATEGORIES
     choices = [(TRAINED, "What the scene was trained to", geometry)]
     choices += [(name, described[name], tree.store(geometry, names.COLOR, colors[name])) for name in colors]
-    return tree.menu("GEOMETRY", COLOR_BY, choices)
+    colored = tree.menu("GEOMETRY", COLOR_BY, choices)
+    mix = tree.node("ShaderNodeMix", data_type="RGBA", blend_type="COLOR")
+    tree.set(socket(mix.inputs, "Factor"), tree.input(PAINT_SHARE))
+    tree.set(socket(mix.inputs, "A"), tree.named(names.COLOR.name, names.COLOR.type))
+    tree.set(socket(mix.inputs, "B"), tree.input(PAINT))
+    painted = tree.store(colored, names.COLOR, socket(mix.outputs, "Result"))
+    return tree.switch("GEOMETRY", tree.compare(tree.input(PAINT_SHARE), "GREATER_THAN", 0.0), colored, painted)
+
+
+def _number_of(tree: Tree, attribute: names.Attribute) -> Any:
+    """A whole number of each point; -1 where nothing has given it any."""
+    node = tree.node("GeometryNodeInputNamedAttribute", {"Name": attribute.name}, data_type="INT")
+    return tree.switch("FLOAT", node.outputs["Exists"], -1.0, socket(node.outputs, "Attribute"))
 
 
 def _ramp(tree: Tree, value: Any) -> Any:

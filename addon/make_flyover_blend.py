@@ -123,11 +123,11 @@ def build_scene(options: argparse.Namespace) -> None:
     if not scene.frame_start <= frame <= scene.frame_end:
         raise RuntimeError(f"--frame {frame} is outside the clip, {scene.frame_start} to {scene.frame_end}.")
     if options.gaussians:
-        points.hide_render = True
+        for obj in imported():
+            obj.hide_render = True
         add_gaussians(options)
-    for obj in scene.objects:
-        if obj.type == "MESH":
-            obj.aa4d.filepath = bpy.path.relpath(str(options.model.resolve()), start=str(options.out.resolve().parent))
+    for obj in imported():
+        obj.aa4d.filepath = bpy.path.relpath(str(options.model.resolve()), start=str(options.out.resolve().parent))
     if options.car is not None:
         add_car(points, options.car)
     scene.frame_set(frame)
@@ -161,35 +161,49 @@ def build_scene(options: argparse.Namespace) -> None:
             partial.unlink(missing_ok=True)
 
 
+def imported() -> list[Any]:
+    """The objects that show a model, vehicles among them."""
+    import bpy
+
+    return [obj for obj in bpy.context.scene.objects if obj.type == "MESH" and obj.aa4d.filepath]
+
+
 def add_gaussians(options: argparse.Namespace) -> None:
-    """Bake the local Gaussians as a second object that is seen in renders alone.
+    """Bake the local Gaussians as further objects that are seen in renders alone.
 
     Those that are transparent in every frame, often half of them, are deleted first: keys of all would be heavy.
     """
     import bpy
     import numpy as np
 
+    before = imported()
     bpy.ops.aa4d.import_model(
         filepath=str(options.model.resolve()), carrier="GAUSSIANS", import_camera=False, set_timeline=False
     )
-    scene, obj = bpy.context.scene, bpy.context.active_object
-    look = obj.modifiers[0]
-    look.show_viewport = False  # nothing is drawn here
-    opacity, now = np.zeros((2, len(obj.data.vertices)), np.float32)
+    scene, made = bpy.context.scene, [obj for obj in imported() if obj not in before]
+    looks = [obj.modifiers["AdaAnchor4D"] for obj in made]
+    for look in looks:
+        look.show_viewport = False  # nothing is drawn here
+    opacity = [np.zeros(len(obj.data.vertices), np.float32) for obj in made]
     for frame in range(scene.frame_start, scene.frame_end + 1):
         scene.frame_set(frame)
-        obj.data.attributes["aa_opacity"].data.foreach_get("value", now)
-        np.maximum(opacity, now, out=opacity)
-    obj.data.vertices.foreach_set("select", opacity < FAINTEST)
-    bpy.ops.object.mode_set(mode="EDIT")
+        for obj, largest in zip(made, opacity, strict=True):
+            now = np.empty_like(largest)
+            obj.data.attributes["aa_opacity"].data.foreach_get("value", now)
+            np.maximum(largest, now, out=largest)
+    for obj, largest in zip(made, opacity, strict=True):
+        obj.data.vertices.foreach_set("select", largest < FAINTEST)
+        obj.select_set(True)
+    bpy.ops.object.mode_set(mode="EDIT")  # of all that are selected
     bpy.ops.mesh.delete(type="VERT")
     bpy.ops.object.mode_set(mode="OBJECT")
     stop_if_asked()
     bpy.ops.aa4d.bake()
     stop_if_asked()
-    look.show_viewport = True
-    obj.select_set(False)
-    obj.hide_viewport = True
+    for obj, look in zip(made, looks, strict=True):
+        look.show_viewport = True
+        obj.select_set(False)
+        obj.hide_viewport = True
 
 
 def add_car(points: Any, path: list[float]) -> None:
@@ -200,8 +214,8 @@ def add_car(points: Any, path: list[float]) -> None:
     import numpy as np
 
     scene = bpy.context.scene
-    shown = [obj for obj in scene.objects if obj.type == "MESH" and obj.aa4d.filepath and not obj.hide_render]
-    for obj in shown:
+    leads = [obj for obj in imported() if obj.parent is None and not obj.hide_render]
+    for obj in leads:  # their vehicles go with them
         obj.hide_viewport = False
         bpy.context.view_layer.objects.active = obj
         bpy.ops.aa4d.set_up_compositing(mode="SCENE")

@@ -1,4 +1,4 @@
-"""The model file: its metadata and tensors, checked (docs/formats.md, "The model file, version 1")."""
+"""The model file: its metadata and tensors, checked (docs/formats.md, "The model file", versions 1 and 2)."""
 
 import json
 import math
@@ -12,10 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .container import Entry, Floats, ModelFileError, read_header, read_tensors
+from .groups import FEWEST_CONTROLS, Groups
 
 Doubles = npt.NDArray[np.float64]
 
-VERSION = 1
+VERSION = 2  # the newest that is read
+GROUPED = 2  # the first whose anchors ride on groups
 PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
 # What Phi_w sees in each aggregation that has weights: an embedding of the anchors, and whether the time.
 WEIGHTED: dict[str, tuple[str | None, bool]] = {
@@ -25,6 +27,8 @@ WEIGHTED: dict[str, tuple[str | None, bool]] = {
 }
 AGGREGATIONS = (*WEIGHTED, "mean", "product")
 WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
+LONGEST_NAME = 200  # characters, of a group
+UNIT_TOLERANCE = 1e-3  # of the length of `groups.up`
 LIMIT_M = 10_000.0  # a world has a local origin; beyond 10 km float32 loses millimetres
 
 
@@ -67,6 +71,7 @@ class Model:
     capture: str | None  # the capture's folder, relative to the model file
     background: tuple[float, float, float]  # sRGB
     tensors: Mapping[str, Floats]
+    groups: Groups | None  # what anchors ride on; their positions are then in their group's frame
 
     @property
     def anchor_count(self) -> int:
@@ -130,13 +135,15 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         _require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
         images = tuple(frame.get("image") for frame in information["frames"])
         capture = information.get("capture")
+        group_names = _group_names(information["groups"]) if version >= GROUPED else None
     except KeyError as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata lacks or misspells {error}.") from error
     except (TypeError, AttributeError) as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata is not laid out as docs/formats.md says.") from error
     except (ValueError, OverflowError) as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata is not usable: {error}.") from error
-    tensors = read_tensors(path, header.entries, _check_shapes(path.name, header.entries, config, static))
+    tensors = read_tensors(path, header.entries, _check_shapes(path.name, header.entries, config, static, group_names))
+    groups = None if group_names is None else _groups(path.name, tensors, group_names)
     _check_values(path.name, tensors, scale, translation)
     return Model(
         path=path,
@@ -151,6 +158,7 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         capture=capture if isinstance(capture, str) else None,
         background=(float(background[0]), float(background[1]), float(background[2])),
         tensors=tensors,
+        groups=groups,
     )
 
 
@@ -224,7 +232,49 @@ def _viewmats(frames: Any) -> Doubles:
     return viewmats
 
 
-def _check_shapes(file_name: str, entries: Mapping[str, Entry], config: Config, static: bool) -> list[str]:
+def _group_names(value: Any) -> tuple[str, ...]:
+    _require(isinstance(value, list), "groups must be a list")
+    group_names = tuple(group["name"] for group in value)
+    for number, name in enumerate(group_names):
+        _require(
+            isinstance(name, str) and len(name) <= LONGEST_NAME,
+            f"the name of group {number} must be a text of at most {LONGEST_NAME} characters",
+        )
+    return group_names
+
+
+def _groups(file_name: str, tensors: Mapping[str, Floats], group_names: tuple[str, ...]) -> Groups:
+    """Raises ModelFileError: an anchor of a group that is not there, times that go back, an axis that is not unit."""
+    member = tensors["anchors.group"]
+    count = len(group_names)
+    if not ((member == np.round(member)) & (member >= -1) & (member < count)).all():
+        raise ModelFileError(f"{file_name}: anchors.group names a group that is not there; the file has {count}.")
+    shown, up = tensors["groups.shown"].astype(np.float64), tensors["groups.up"].astype(np.float64)
+    if (np.diff(shown, axis=1) < 0).any():
+        raise ModelFileError(f"{file_name}: groups.shown must hold four times that do not decrease.")
+    length = float(np.linalg.norm(up))
+    if abs(length - 1) > UNIT_TOLERANCE:
+        raise ModelFileError(f"{file_name}: groups.up must have length 1, not {length:.3g}.")
+    control = np.concatenate([tensors["groups.position"], tensors["groups.heading"][..., None]], axis=2)
+    of_anchor = member.astype(np.intp)
+    return Groups(
+        names=group_names,
+        control=control.astype(np.float64),
+        reference=tensors["groups.reference"].astype(np.float64),
+        shown=shown,
+        up=up / length,
+        of_anchor=of_anchor,
+        riders=np.flatnonzero(of_anchor >= 0),
+    )
+
+
+def _check_shapes(
+    file_name: str,
+    entries: Mapping[str, Entry],
+    config: Config,
+    static: bool,
+    group_names: tuple[str, ...] | None,
+) -> list[str]:
     """Check presence and shape of every tensor that an evaluation reads; return their names."""
 
     def shape_of(name: str) -> tuple[int, ...]:
@@ -262,6 +312,19 @@ def _check_shapes(file_name: str, entries: Mapping[str, Entry], config: Config, 
     network("decoder_opacity", K, F + 3)
     network("decoder_color", 3 * K, F + 3)
     network("decoder_covariance", 7 * K, F + 3)
+    if group_names is not None:
+        G, shape = len(group_names), shape_of("groups.position")
+        if len(shape) != 3 or shape[0] != G or shape[1] < FEWEST_CONTROLS or shape[2] != 3:
+            raise ModelFileError(
+                f"{file_name}: tensor groups.position has shape {list(shape)}, not [{G}, C, 3] with C of at least "
+                f"{FEWEST_CONTROLS}."
+            )
+        names.append(expect("anchors.group", count))
+        names.append(expect("groups.position", *shape))
+        names.append(expect("groups.heading", G, shape[1]))
+        names.append(expect("groups.reference", G, 4))
+        names.append(expect("groups.shown", G, 4))
+        names.append(expect("groups.up", 3))
     if static:
         return names
     names.append(expect("field.box", 2, 3))
@@ -292,11 +355,17 @@ def _check_shapes(file_name: str, entries: Mapping[str, Entry], config: Config, 
 
 
 def _check_values(file_name: str, tensors: Mapping[str, Floats], scale: float, translation: Doubles) -> None:
-    farthest = float(np.abs(scale * tensors["anchors.position"].astype(np.float64) + translation).max())
-    if farthest > LIMIT_M:
-        raise ModelFileError(
-            f"{file_name} places an anchor {farthest:.0f} m from the origin; a world is local, within {LIMIT_M:.0f} m."
-        )
+    for what, name in (
+        ("an anchor", "anchors.position"),
+        ("a group", "groups.position"),
+        ("a group", "groups.reference"),
+    ):
+        places = tensors.get(name, np.empty((0, 3), np.float32))[..., :3].astype(np.float64)
+        farthest = float(np.abs(scale * places + translation).max(initial=0))
+        if farthest > LIMIT_M:
+            raise ModelFileError(
+                f"{file_name} places {what} {farthest:.0f} m from the origin; a world is local, within {LIMIT_M:.0f} m."
+            )
     box = tensors.get("field.box")
     if box is not None and not (box[1] > box[0]).all():
         raise ModelFileError(f"{file_name}: field.box must have its upper corner above its lower corner.")

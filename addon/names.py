@@ -24,6 +24,7 @@ ROTATION = Attribute("aa_rotation", "QUATERNION")  # w x y z
 ID = Attribute("aa_id", "INT")  # the anchor's row in the model file; anchor * K + k for a local Gaussian
 DISPLACEMENT = Attribute("aa_displacement", "FLOAT")  # metres from the canonical place
 SPEED = Attribute("aa_speed", "FLOAT")  # metres a second of the anchor
+GROUP = Attribute("aa_group", "INT")  # the vehicle that the anchor rides on, its number from 0; -1 for the world
 ACTIVITY = Attribute("aa_activity", "INT")  # the label of the capture's truth; -1 where it has none
 TRAIL = Attribute("aa_trail", "INT")  # how many earlier positions there are
 TRAIL_PREFIX = "aa_trail_"

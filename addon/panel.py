@@ -3,9 +3,9 @@
 import bpy
 from bpy.app.translations import pgettext_iface as translated
 
-from . import look_nodes, modifiers, names, operators, playback, time_nodes
+from . import look_nodes, modifiers, names, operators, parts, playback, time_nodes
 from .operators.inspection import statistics
-from .operators.on_imported import is_imported
+from .parts import is_imported
 
 TIME_INPUTS = (
     time_nodes.START,
@@ -42,10 +42,15 @@ class ImportPanel(SidebarPanel, bpy.types.Panel):
         kind = translated(obj.aa4d.bl_rna.properties["carrier"].enum_items[obj.aa4d.carrier].name)
         column.label(text=f"{len(obj.data.vertices):,} {kind}", icon="POINTCLOUD_DATA", translate=False)
         column.prop(obj.aa4d, "filepath", text="")
+        vehicles = parts.parts(obj)[1:]
+        if vehicles:
+            text = translated("{} vehicles").format(len(vehicles))
+            column.label(text=text, icon="AUTO", translate=False)
         if obj.aa4d.playback == "BAKED":
             column.label(text="Baked", icon="CHECKMARK")
         else:
-            cost = playback.milliseconds.get(obj.session_uid)
+            costs = [playback.milliseconds.get(part.session_uid) for part in parts.parts(obj)]
+            cost = sum(ms for ms in costs if ms is not None) or None
             text = translated("Live") if cost is None else translated("Live: {:.1f} ms a frame").format(cost)
             column.label(text=text, icon="TIME", translate=False)
         problem = playback.problems.get(obj.session_uid)
@@ -91,11 +96,35 @@ class LookPanel(ObjectPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         obj, layout = context.active_object, self.layout
-        inputs = (look_nodes.LOOK, look_nodes.SIZE, look_nodes.LIT)
+        inputs = (look_nodes.LOOK, look_nodes.SIZE, look_nodes.LIT, look_nodes.PAINT, look_nodes.PAINT_SHARE)
         _draw_inputs(layout, modifiers.of(obj, names.LOOK_MODIFIER), inputs)
         if obj.aa4d.playback == "LIVE":
-            layout.prop(obj.aa4d, "view")
+            layout.prop(parts.lead(obj).aa4d, "view")
             layout.operator(operators.FreezeView.bl_idname, icon="FREEZE")
+
+
+class VehiclesPanel(ObjectPanel, bpy.types.Panel):
+    """The vehicles of the import, each to rename and to hide."""
+
+    bl_idname = "AA4D_PT_vehicles"
+    bl_label = "Vehicles"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender's protocol
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Shown where there are any."""
+        return super().poll(context) and len(parts.parts(context.active_object)) > 1
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        layout = self.layout
+        layout.operator(operators.MatchParts.bl_idname, icon="COPYDOWN")
+        column = layout.column(align=True)
+        for part in parts.parts(context.active_object)[1:]:
+            row = column.row(align=True)
+            row.prop(part, "name", text="")
+            row.prop(part, "hide_viewport", text="")
+            row.prop(part, "hide_render", text="")
 
 
 class InspectionPanel(ObjectPanel, bpy.types.Panel):
@@ -175,7 +204,7 @@ def _draw_inputs(
             column.prop(owner, path, text=name)
 
 
-CLASSES = (ImportPanel, TimePanel, LookPanel, InspectionPanel, OutputPanel)
+CLASSES = (ImportPanel, TimePanel, LookPanel, VehiclesPanel, InspectionPanel, OutputPanel)
 
 
 def register() -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from . import carriers, look_nodes, materials, modifiers, names, points, properties, time_nodes
+from . import carriers, look_nodes, materials, modifiers, names, parts, points, properties, time_nodes
 from .clip_time import ClipTime
 from .container import Floats, ModelFileError
 from .field import Field, prepare
@@ -101,7 +101,8 @@ def loaded_of(obj: bpy.types.Object) -> Loaded:
     loaded = load(path)
     if obj.aa4d.content and loaded.content != obj.aa4d.content:
         raise ModelFileError(
-            f"{os.path.basename(path)} is no longer the file that {obj.name} was made from; use Relink to take it."
+            f"{os.path.basename(path)} is no longer the file that {parts.lead(obj).name} was made from; use Relink to "
+            "take it."
         )
     return loaded
 
@@ -143,8 +144,11 @@ def wanted_of(obj: bpy.types.Object) -> frozenset[names.Attribute]:
 def camera_center(
     obj: bpy.types.Object, loaded: Loaded, t: float, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
 ) -> Doubles:
-    """Where the points are seen from, [3], in the metres of the object: its own transform may have moved it."""
-    camera = scene.camera
+    """Where the points are seen from, [3], in the metres of the object: its own transform may have moved it.
+
+    All objects of an import are seen from where its lead is: they share one evaluation.
+    """
+    obj, camera = parts.lead(obj), scene.camera
     if obj.aa4d.view == properties.FROZEN:
         return np.array(obj.aa4d.frozen_view, np.float64)
     if obj.aa4d.view == properties.ACTIVE and camera is not None:
@@ -155,8 +159,17 @@ def camera_center(
     return loaded.field.model.camera_center_at(t)
 
 
-def show(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+def show(
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph | None = None,
+    wanted: frozenset[names.Attribute] | None = None,
+    together: frozenset[names.Attribute] = frozenset(),
+) -> None:
     """Set the object's attributes to their values at the scene's (fractional) frame; does nothing if they are.
+
+    `wanted` is `wanted_of` the object where that is known; `together` is what the other objects of this model want:
+    evaluated with it, the frame serves them too.
 
     Raises:
         ModelFileError: as `loaded_of`.
@@ -167,17 +180,19 @@ def show(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Dep
     rank = clip_time_of(evaluated, model.frame_count).rank(scene.frame_current_final)
     t = model.time_of_rank(rank)
     center = camera_center(obj, loaded, t, scene, depsgraph)
-    wanted = wanted_of(evaluated)
+    wanted = wanted_of(evaluated) if wanted is None else wanted
     trail = trail_length(evaluated)
-    evaluation = f"{carrier} {t!r} {center.tolist()} {sorted(a.name for a in wanted)}"
-    stamp = f"{loaded.content} {evaluation} {trail}"
+    moment = f"{carrier} {t!r} {center.tolist()}"
+    stamp = f"{loaded.content} {moment} {sorted(a.name for a in wanted)} {trail}"
     # The stamp lies on the mesh and not in this module, so that undo and reload take it back with the positions.
     if mesh.get(names.STAMP_PROPERTY) == stamp:
         return
     check_fits(obj, loaded)
     start = time.perf_counter()
     rows = rows_of(mesh)
-    for attribute, values in loaded.frame(evaluation, carrier, t, center, wanted).items():
+    together |= wanted
+    evaluation = f"{moment} {sorted(a.name for a in together)}"
+    for attribute, values in loaded.frame(evaluation, carrier, t, center, together).items():
         if attribute in names.APPEARANCE or attribute in wanted:
             points.write(mesh, attribute.name, attribute.type, values[rows])
     for age in range(1, trail + 1):
@@ -225,14 +240,24 @@ def refresh(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None
     Called after a change of frame, of sub-frame too (motion blur), when animation and drivers have been evaluated, and
     after any other change, for the inputs of the modifiers.
     """
-    for obj in live_objects(scene):
+    alone = [obj for obj in scene.objects if parts.is_imported(obj) and obj.parent is None and obj.library is None]
+    orphans = [obj for obj in alone if parts.keep_time(obj)]
+    if orphans:
+        depsgraph = None  # its copies do not have the time yet that was just given back
+    live = list(live_objects(scene))
+    wanted = {obj: wanted_of(obj if depsgraph is None else obj.evaluated_get(depsgraph)) for obj in live}
+    together: dict[tuple[str, str], frozenset[names.Attribute]] = {}
+    for obj in live:
+        key = parts.key_of(obj)
+        together[key] = together.get(key, frozenset()) | wanted[obj]
+    for obj in live:
         try:
-            show(obj, scene, depsgraph)
+            show(obj, scene, depsgraph, wanted[obj], together[parts.key_of(obj)])
             problems.pop(obj.session_uid, None)
         except (ModelFileError, MemoryError) as error:
             # A handler has no report line: say it once on the console, and in the panel while it lasts.
             message = str(error) or "there is not enough memory for this frame."
-            if problems.get(obj.session_uid) != message:
+            if message not in (problems.get(obj.session_uid), problems.get(parts.lead(obj).session_uid)):
                 print(f"AdaAnchor4D: {obj.name}: {message}")
             problems[obj.session_uid] = message
 
@@ -277,5 +302,7 @@ def unregister() -> None:
     for handlers, function in LISTENERS:
         handlers.remove(function)
     _load.cache_clear()
+    parts.forget_times()
+    modifiers.forget()
     milliseconds.clear()
     problems.clear()

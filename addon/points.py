@@ -4,6 +4,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+import numpy.typing as npt
 
 from . import names
 from .container import ModelFileError
@@ -20,14 +21,14 @@ FIELDS = {
 }
 
 
-def create_mesh(name: str, count: int) -> bpy.types.Mesh:
-    """A mesh of `count` loose vertices with the attributes of every look, unset, and the ids 0, 1, 2, ..."""
+def create_mesh(name: str, ids: npt.NDArray[np.integer]) -> bpy.types.Mesh:
+    """A mesh of a loose vertex for each of these rows of the model, with the attributes of every look, unset."""
     mesh = bpy.data.meshes.new(name)
-    mesh.vertices.add(count)
+    mesh.vertices.add(len(ids))
     for attribute in (*names.APPEARANCE, *names.SHAPE, names.ID):
         if attribute != names.POSITION:
             mesh.attributes.new(attribute.name, attribute.type, "POINT")
-    mesh.attributes[names.ID.name].data.foreach_set("value", np.arange(count, dtype=np.int32))
+    mesh.attributes[names.ID.name].data.foreach_set("value", ids.astype(np.int32))
     mesh.attributes.active_color_name = names.COLOR.name
     return mesh
 

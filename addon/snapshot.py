@@ -1,6 +1,6 @@
 """What an imported object shows at the scene's frame, live or baked, as arrays: for exports and statistics."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from . import look_nodes, modifiers, names, points
+from . import groups, look_nodes, modifiers, names, points
 from .container import Floats
 
 
@@ -23,6 +23,7 @@ class Snapshot:
     radius: Floats  # [n]
     scales: Floats  # [n, 3]
     rotations: Floats  # [n, 4]
+    seen: npt.NDArray[np.bool_]  # [n] opaque enough for its object's look to draw it
 
 
 @contextmanager
@@ -39,14 +40,27 @@ def without_look(obj: bpy.types.Object) -> Iterator[None]:
         look.show_viewport = shown
 
 
-def take(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Snapshot:
-    """The object's points now; its look must be off, see `without_look`."""
+def take(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Snapshot:
+    """The points of these objects now, in the metres of the first; their looks must be off, see `without_look`."""
     depsgraph.update()
+    taken = [_take(obj, objects[0], depsgraph) for obj in objects]
+    return Snapshot(*(np.concatenate(columns) for columns in zip(*taken, strict=True)))
+
+
+def _take(obj: bpy.types.Object, first: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, ...]:
+    """The fields of a snapshot of one object, as the first one's frame has them: a person may have moved it."""
     evaluated = obj.evaluated_get(depsgraph)
     data = evaluated.data
     ids = points.read(data, names.ID.name).astype(np.int32)
     values = {a: points.read(data, a.name) for a in (*names.APPEARANCE, *names.SHAPE)}
-    return Snapshot(
+    if obj != first:
+        beside = first.evaluated_get(depsgraph).matrix_world.inverted_safe() @ evaluated.matrix_world
+        matrix, grown = np.array(beside, np.float32), beside.median_scale
+        if not np.allclose(matrix, np.eye(4), atol=1e-6):
+            values[names.POSITION] = values[names.POSITION] @ matrix[:3, :3].T + matrix[:3, 3]
+            values[names.ROTATION] = groups.product(np.array(beside.to_quaternion()), values[names.ROTATION])
+            values[names.SCALE], values[names.RADIUS] = grown * values[names.SCALE], grown * values[names.RADIUS]
+    return (
         ids,
         values[names.POSITION],
         values[names.COLOR],
@@ -54,6 +68,7 @@ def take(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Snapshot:
         values[names.RADIUS],
         values[names.SCALE],
         values[names.ROTATION],
+        values[names.OPACITY] >= faintest(obj),
     )
 
 

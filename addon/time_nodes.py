@@ -8,7 +8,7 @@ import bpy
 from . import clip_time, modifiers, names
 from .node_tree import Tree, socket, versioned_group
 
-VERSION = 4
+VERSION = 5
 START, SPEED, REVERSE, OUTSIDE = "Start Frame", "Speed", "Reverse", "Outside the Clip"
 BY_HAND, TIME = "Set Time by Hand", "Time"
 TRAIL = "Trail"
@@ -35,7 +35,9 @@ def live_group() -> bpy.types.NodeTree:
     if made:
         tree = Tree(group)
         _make_inputs(tree)
-        rank(tree)  # unused here; it keeps the menu's items, which come from the node that uses them
+        # Unused here; it keeps the menu's items, which come from the node that uses them. It must not ask for the
+        # scene's time: Blender would evaluate the object at every frame once more, before it is given the new one.
+        rank(tree, 0.0)
         tree.finish(tree.store(tree.input("Geometry"), names.TRAIL, tree.input(TRAIL)))
     return group
 
@@ -53,8 +55,9 @@ def baked_group(attributes: Collection[names.Attribute]) -> bpy.types.NodeTree:
         return group
     tree = Tree(group)
     _make_inputs(tree)
+    frame = socket(tree.group.nodes.new("GeometryNodeInputSceneTime").outputs, "Frame")
     last = tree.math("SUBTRACT", tree.input(KEY_COUNT), 1.0)
-    place = tree.math("DIVIDE", tree.math("SUBTRACT", rank(tree), tree.input(KEY_FIRST)), tree.input(KEY_STEP))
+    place = tree.math("DIVIDE", tree.math("SUBTRACT", rank(tree, frame), tree.input(KEY_FIRST)), tree.input(KEY_STEP))
     place = tree.math("MINIMUM", tree.math("MAXIMUM", place, 0.0), last)
     low = tree.math("FLOOR", place)
     high = tree.math("MINIMUM", tree.math("ADD", low, 1.0), last)
@@ -84,9 +87,8 @@ def baked_group(attributes: Collection[names.Attribute]) -> bpy.types.NodeTree:
     return group
 
 
-def rank(tree: Tree) -> Any:
+def rank(tree: Tree, frame: Any) -> Any:
     """`clip_time.ClipTime.rank` as nodes."""
-    frame = socket(tree.group.nodes.new("GeometryNodeInputSceneTime").outputs, "Frame")
     count = tree.input(CLIP_FRAMES)
     last = tree.math("SUBTRACT", count, 1.0)
     played = tree.math("MULTIPLY", tree.math("SUBTRACT", frame, tree.input(START)), tree.input(SPEED))

@@ -25,6 +25,23 @@ GERMAN = {
     "Live": "Live",
     "Baked": "Gebacken",
     "Live: {:.1f} ms a frame": "Live: {:.1f} ms pro Bild",
+    "{} vehicles": "{} Fahrzeuge",
+    "; {} vehicles": "; {} Fahrzeuge",
+    "Vehicle {}": "Fahrzeug {}",
+    "Vehicles": "Fahrzeuge",
+    "Vehicles as Objects": "Fahrzeuge als Objekte",
+    "An object for each vehicle, to select, hide, delete and colour, where the model knows vehicles": (
+        "Ein Objekt für jedes Fahrzeug, zum Auswählen, Ausblenden, Löschen und Färben, wo das Modell Fahrzeuge kennt"
+    ),
+    "Apply Look to All": "Aussehen auf alle anwenden",
+    "Give the world and all vehicles of this import the look, the filters and the trail of the active object": (
+        "Der Welt und allen Fahrzeugen dieses Imports Aussehen, Filter und Spur des aktiven Objekts geben"
+    ),
+    "Paint": "Lack",
+    "Paint Strength": "Stärke des Lacks",
+    "; between them vehicles are at most {:.3f} m off their path": (
+        "; dazwischen sind Fahrzeuge höchstens {:.3f} m neben ihrer Bahn"
+    ),
     "Bake Range": "Bereich backen",
     "Free Bake": "Backen verwerfen",
     "Freeze View": "Blick einfrieren",

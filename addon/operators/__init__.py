@@ -11,6 +11,7 @@ from .exporting import ExportPly, ExportUsd
 from .importing import ImportModel, ModelFileHandler
 from .inspection import AddGrid, FitLegend, LabelActivity, MeasureSelection
 from .linking import Relink
+from .matching import MatchParts
 from .viewing import FreezeView
 
 PRESETS = str(Path(__file__).parent.parent)  # the folder that holds presets/operator/...
@@ -20,6 +21,7 @@ CLASSES = (
     Bake,
     FreeBake,
     Relink,
+    MatchParts,
     FreezeView,
     FitLegend,
     MeasureSelection,

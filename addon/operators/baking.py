@@ -3,7 +3,7 @@
 import bpy
 from bpy.app.translations import pgettext_rpt as translated
 
-from .. import bake, playback
+from .. import bake, parts, playback
 from ..container import ModelFileError
 from .on_imported import REGISTER_UNDO, OnOwnObject
 
@@ -50,12 +50,24 @@ class Bake(OnOwnObject, bpy.types.Operator):
         except ModelFileError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, translated("Baked {} keys").format(count))
+        self.report({"INFO"}, self.done(context, count))
         return {"FINISHED"}
+
+    def done(self, context: bpy.types.Context, count: int) -> str:
+        """What to say at the end: the keys, and how far straight ways between them lead vehicles astray."""
+        message = translated("Baked {} keys").format(count)
+        try:
+            error = bake.largest_error_m(context.active_object, self.bake_options())
+        except ModelFileError:  # the file has gone meanwhile: the bake is whole without it
+            return message
+        if error > 0:
+            message += translated("; between them vehicles are at most {:.3f} m off their path").format(error)
+        return message
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """From a button: one frame after the other, with progress, until done or Esc."""
         self.work = bake.bake(context.active_object, context.scene, self.bake_options())
+        self.count = 0
         self.timer = context.window_manager.event_timer_add(0.001, window=context.window)
         context.window_manager.progress_begin(0, 100)
         context.window_manager.modal_handler_add(self)
@@ -69,14 +81,14 @@ class Bake(OnOwnObject, bpy.types.Operator):
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}
         try:
-            done, count = next(self.work)
+            done, self.count = next(self.work)
         except StopIteration:
-            return self._end(context, {"INFO"}, translated("Baked"), {"FINISHED"})
+            return self._end(context, {"INFO"}, self.done(context, self.count), {"FINISHED"})
         except (ModelFileError, MemoryError) as error:
             message = str(error) or translated("There is not enough memory for this bake")
             return self._end(context, {"ERROR"}, message, {"CANCELLED"})
-        context.window_manager.progress_update(100 * done / count)
-        context.workspace.status_text_set(translated("Baking {} of {}; Esc cancels").format(done, count))
+        context.window_manager.progress_update(100 * done / self.count)
+        context.workspace.status_text_set(translated("Baking {} of {}; Esc cancels").format(done, self.count))
         return {"RUNNING_MODAL"}
 
     def _end(self, context: bpy.types.Context, kind: set[str], message: str, result: set[str]) -> set[str]:
@@ -99,7 +111,8 @@ class FreeBake(OnOwnObject, bpy.types.Operator):
         obj = context.active_object
         bake.free(obj)
         try:
-            playback.show(obj, context.scene)
+            for part in parts.parts(obj):
+                playback.show(part, context.scene)
         except ModelFileError as error:  # the keys are gone as asked; that nothing moves any more must be said
             self.report({"WARNING"}, str(error))
         return {"FINISHED"}

@@ -3,7 +3,7 @@
 import bpy
 from bpy.app.translations import pgettext_rpt as translated
 
-from .. import compositing
+from .. import compositing, parts
 from .on_imported import OnOwnObject
 
 
@@ -26,7 +26,7 @@ class SetUpCompositing(OnOwnObject, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set up for the active object."""
-        if not context.active_object.data.vertices:
+        if not parts.lead(context.active_object).data.vertices:
             self.report({"ERROR"}, translated("The object has no points left"))
             return {"CANCELLED"}
         compositing.set_up(context, context.active_object, self.mode, sun=self.sun, passes=self.passes)

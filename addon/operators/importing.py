@@ -1,10 +1,12 @@
 """Import, from the menu, by drag and drop, or from a script."""
 
+import os
+
 import bpy
 from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ImportHelper
 
-from .. import bake, importer, look_nodes, materials, names, properties
+from .. import bake, importer, look_nodes, materials, names, parts, properties
 from ..container import ModelFileError
 from .baking import bake_now
 
@@ -52,6 +54,11 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         description="Also set what shows the trained colours: camera, Cycles, Standard view transform, background",
         default=False,
     )
+    vehicles: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Vehicles as Objects",
+        description="An object for each vehicle, to select, hide, delete and colour, where the model knows vehicles",
+        default=True,
+    )
     bake: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Bake", description="Bake the clip at once: plays back without the model file and this add-on"
     )
@@ -69,7 +76,12 @@ class ImportModel(bpy.types.Operator, ImportHelper):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """A dropped file asks for the options alone, the menu for the file too."""
-        return self.invoke_popup(context) if self.filepath else ImportHelper.invoke(self, context, event)
+        if not self.filepath:
+            return ImportHelper.invoke(self, context, event)
+        # Not ImportHelper's own popup: it is for operators that take several files.
+        return context.window_manager.invoke_props_dialog(
+            self, title=os.path.basename(self.filepath), confirm_text=self.bl_label
+        )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import, select what was made, and say what it is."""
@@ -84,6 +96,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             self.background_frames,
             self.set_timeline,
             self.set_up_scene,
+            self.vehicles,
             self.largest,
         )
         try:
@@ -97,8 +110,13 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             obj.select_set(False)
         imported.points.select_set(True)
         context.view_layer.objects.active = imported.points
+        together = parts.parts(imported.points)
         message = translated("Imported {:,} points over {} frames; Material Preview shows their colours")
-        self.report({"INFO"}, message.format(len(imported.points.data.vertices), imported.model.frame_count))
+        count = sum(len(part.data.vertices) for part in together)
+        text = message.format(count, imported.model.frame_count)
+        if len(together) > 1:
+            text += translated("; {} vehicles").format(len(together) - 1)
+        self.report({"INFO"}, text)
         return {"FINISHED"}
 
 

@@ -4,12 +4,9 @@ from typing import Any, cast
 
 import bpy
 
+from ..parts import is_imported
+
 REGISTER_UNDO = {"REGISTER", "UNDO"}
-
-
-def is_imported(obj: bpy.types.Object | None) -> bool:
-    """Whether the object was made by this add-on."""
-    return obj is not None and obj.type == "MESH" and bool(obj.aa4d.filepath)
 
 
 class OnImportedObject:

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import properties
+from .. import parts, properties
 from .on_imported import REGISTER_UNDO, OnOwnObject
 
 
@@ -19,8 +19,8 @@ class FreezeView(OnOwnObject, bpy.types.Operator):
         return super().poll(context) and context.scene.camera is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Freeze the active object's view."""
-        obj = context.active_object
+        """Freeze the view of the active object's import."""
+        obj = parts.lead(context.active_object)
         place = obj.matrix_world.inverted_safe() @ context.scene.camera.matrix_world.translation
         obj.aa4d.frozen_view, obj.aa4d.view = place, properties.FROZEN
         return {"FINISHED"}

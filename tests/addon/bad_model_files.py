@@ -52,6 +52,25 @@ def with_header(change: Callable[[dict[str, Any]], object]) -> Callable[[Path], 
     return write
 
 
+def grouped(
+    tensor: str | None = None,
+    change: Callable[[np.ndarray], np.ndarray | None] = np.copy,
+    information: Callable[[dict[str, Any]], object] = lambda _: None,
+) -> Callable[[Path], object]:
+    """A file of version 2 with one tensor changed (left out where it becomes None), or changed metadata."""
+
+    def write(path: Path) -> object:
+        tensors, metadata = make_model(20, groups=3)
+        information(metadata)
+        if tensor is not None:
+            changed = change(tensors.pop(tensor))
+            if changed is not None:
+                tensors[tensor] = changed
+        return write_model(path, tensors, metadata)
+
+    return write
+
+
 def cut(keep: Callable[[bytes], int]) -> Callable[[Path], object]:
     """The beginning of a good file."""
 
@@ -164,7 +183,7 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "metadata of another kind": (with_header(lambda header: header.update(__metadata__={"aa4d": "3"})), "not an Ada"),
     "another format": (with_information(lambda info: info.update(format="aa4d-capture")), "not an AdaAnchor4D model"),
-    "a newer version": (with_information(lambda info: info.update(version=2)), "newer"),
+    "a newer version": (with_information(lambda info: info.update(version=3)), "newer"),
     "no version": (with_information(lambda info: info.pop("version")), "version"),
     "an unknown stage": (with_information(lambda info: info.update(stage="medium")), "medium"),
     "no configuration": (with_information(lambda info: info.pop("config")), "config"),
@@ -203,6 +222,38 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "more memory than it justifies": (swollen, "out of proportion"),
     "boundaries that go back": (with_tensor("warp.boundaries", lambda array: -array), "must not decrease"),
     "a box turned over": (with_tensor("field.box", lambda array: array[::-1]), "field.box"),
+    "version 2 without groups": (with_information(lambda info: info.update(version=2)), "'groups'"),
+    "groups that are no list": (grouped(information=lambda info: info.update(groups={"name": "a"})), "must be a list"),
+    "a group that is a text": (grouped(information=lambda info: info.update(groups=["a", "b", "c"])), "not laid out"),
+    "a group without a name": (grouped(information=lambda info: info["groups"][1].clear()), "'name'"),
+    "a name that is a number": (grouped(information=lambda info: info["groups"][1].update(name=7)), "name of group 1"),
+    "an endless name": (
+        grouped(information=lambda info: info["groups"][1].update(name="x" * 10**6)),
+        "name of group 1",
+    ),
+    "more names than groups": (
+        grouped(information=lambda info: info["groups"].append({"name": "d"})),
+        "groups.position has shape",
+    ),
+    "no membership": (grouped("anchors.group", lambda _: None), "lacks the tensor anchors.group"),
+    "membership of too few": (grouped("anchors.group", lambda a: a[1:]), "anchors.group has shape"),
+    "a group that is not there": (grouped("anchors.group", lambda a: np.where(a == 2, 3, a)), "not there"),
+    "half a group": (grouped("anchors.group", lambda a: a + 0.5), "not there"),
+    "a group below the world": (grouped("anchors.group", lambda a: a - 1), "not there"),
+    "a group that is not a number": (grouped("anchors.group", not_a_number), "not finite"),
+    "three control points": (grouped("groups.position", lambda a: a[:, :3]), "C of at least 4"),
+    "flat trajectories": (grouped("groups.position", lambda a: a[..., 0]), "groups.position has shape"),
+    "control points in a plane": (grouped("groups.position", lambda a: a[..., :2]), "groups.position has shape"),
+    "fewer headings than positions": (grouped("groups.heading", lambda a: a[:, 1:]), "groups.heading has shape"),
+    "a heading that is not a number": (grouped("groups.heading", not_a_number), "not finite"),
+    "a trajectory out of the world": (grouped("groups.position", lambda a: a * 1e6), "places a group"),
+    "a reference out of the world": (grouped("groups.reference", lambda a: a + 1e9), "places a group"),
+    "a reference without heading": (grouped("groups.reference", lambda a: a[:, :3]), "groups.reference has shape"),
+    "three times": (grouped("groups.shown", lambda a: a[:, :3]), "groups.shown has shape"),
+    "times that go back": (grouped("groups.shown", lambda a: a[:, ::-1]), "do not decrease"),
+    "an axis too long": (grouped("groups.up", lambda a: 2 * a), "length 1, not 2"),
+    "no axis": (grouped("groups.up", lambda a: 0 * a), "length 1, not 0"),
+    "no up": (grouped("groups.up", lambda _: None), "lacks the tensor groups.up"),
     "a tensor too few": (
         lambda path: write_model(
             path, {k: v for k, v in make_model(20)[0].items() if k != "encoder.bias"}, make_model(20)[1]

@@ -18,8 +18,14 @@ def make_model(
     stage: str = "fine",
     dlgd: bool = True,
     aggregation: str = "acfa",
+    groups: int = 0,
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Random tensors with visible motion, and the metadata of a flight around them."""
+    """Random tensors with visible motion, and the metadata of a flight around them.
+
+    With groups, three anchors in four ride on one, in turn: the first group is there over the whole clip, the second
+    comes and goes within it, the third appears at an instant at two fifths of it, and so on.
+    """
     random = np.random.default_rng(seed)
     K, F, E, C, L, B = 3, 8, 4, 6, 2, 5
 
@@ -109,7 +115,36 @@ def make_model(
         "background": [0.1, 0.2, 0.3],
         "training": {"seconds": 1.0},
     }
+    if groups:
+        add_groups(tensors, information, groups, up, random)
     return tensors, information
+
+
+def add_groups(
+    tensors: dict[str, np.ndarray],
+    information: dict[str, Any],
+    groups: int,
+    up: tuple[float, float, float],
+    random: np.random.Generator,
+) -> None:
+    """Make it a file of version 2 whose anchors ride on cars that drive and turn."""
+    anchors, controls = len(tensors["anchors.position"]), 7
+    riders = np.arange(anchors) % 4 != 3
+    group = np.where(riders, (np.cumsum(riders) - 1) % groups, -1)
+    tensors["anchors.position"][riders] *= 0.15
+    way = np.linspace(-0.8, 0.8, controls)[:, None] * random.standard_normal((groups, 1, 3)) * [1, 1, 0.1]
+    shown = [(-2, -1, 2, 3), (0.2, 0.3, 0.7, 0.8), (0.4, 0.4, 2, 3)]
+    tensors |= {
+        "anchors.group": group.astype(np.float32),
+        "groups.position": (way + random.uniform(-0.3, 0.3, (groups, 1, 3))).astype(np.float32),
+        "groups.heading": (np.cumsum(random.uniform(0, 0.9, (groups, controls)), axis=1) + 2).astype(np.float32),
+        "groups.reference": random.uniform(-0.5, 0.5, (groups, 4)).astype(np.float32),
+        "groups.shown": np.array([shown[g % len(shown)] for g in range(groups)], np.float32),
+        "groups.up": (np.array(up) / np.linalg.norm(up)).astype(np.float32),
+    }
+    tensors["groups.start"] = np.concatenate([tensors["groups.position"], tensors["groups.heading"][..., None]], axis=2)
+    information["version"] = 2
+    information["groups"] = [{"name": f"car {number + 1}"} for number in range(groups)]
 
 
 def look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -348,6 +348,19 @@ def test_unusable_file_gives_one_report_line(bpy: Any, kind: str, tmp_path: Path
     assert bpy.context.scene.frame_end == 250
 
 
+def test_dropped_file_asks_for_the_options(bpy: Any, extension: str, model_path: Path) -> None:
+    """What a drop onto the 3D view calls: the handler's operator, invoked with the file's path."""
+    operators = importlib.import_module(f"{extension}.operators")
+    handler = next(cls for cls in operators.CLASSES if issubclass(cls, bpy.types.FileHandler))
+    assert handler.bl_import_operator == "aa4d.import_model"
+    assert handler.bl_file_extensions == model_path.suffix
+    assert handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="VIEW_3D")))
+    assert not handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="TEXT_EDITOR")))
+    # Without a window the dialogue is confirmed at once.
+    assert bpy.ops.aa4d.import_model("INVOKE_DEFAULT", filepath=str(model_path)) == {"FINISHED"}
+    assert bpy.context.active_object.aa4d.filepath
+
+
 @pytest.mark.parametrize("carrier", ["ANCHORS", "GAUSSIANS"])
 @pytest.mark.parametrize("kind", OVERFLOWING)
 def test_model_that_overflows_is_refused(bpy: Any, kind: str, carrier: str, tmp_path: Path, capfd: Any) -> None:

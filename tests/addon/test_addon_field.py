@@ -12,6 +12,7 @@ from addon.field import (
     anchor_appearance,
     anchor_positions,
     anchor_state,
+    centers,
     local_gaussians,
     plane_weights,
     prepare,
@@ -42,6 +43,57 @@ def test_evaluation_agrees_with_the_specification(t: float, stage: str, dlgd: bo
     assert np.abs(gaussians.colors - expected["colors"]).max() < 1e-5
     assert np.abs(gaussians.opacities - expected["opacities"]).max() < 1e-5
     assert np.abs(gaussians.quaternions - expected["quaternions"]).max() < 1e-5
+
+
+@pytest.mark.parametrize("t", [*TIMES, 0.25, 0.4, 0.7625, 0.8])
+@pytest.mark.parametrize("up", [(0, 0, 1), (0.3, -0.5, 0.7)])
+@pytest.mark.parametrize("stage", ["fine", "coarse"])
+def test_groups_agree_with_the_specification(
+    t: float, up: tuple[float, float, float], stage: str, tmp_path: Path
+) -> None:
+    tensors, information = make_model(40, FRAMES, stage=stage, groups=3, up=up)
+    field = prepare(read_model(write_model(tmp_path / "model.safetensors", tensors, information)))
+    center = np.array([3.0, -40.0, 17.0])
+    expected = evaluate(tensors, information, t, center)
+    state = anchor_state(field, t)
+    gaussians = local_gaussians(field, state, center)
+    extent = np.ptp(expected["anchors"], axis=0).max()
+    assert np.abs(to_world(field.model, centers(field, state)) - expected["anchors"]).max() < 1e-6 * extent
+    assert np.abs(to_world(field.model, anchor_positions(field, t)) - expected["anchors"]).max() < 1e-6 * extent
+    assert np.abs(to_world(field.model, field.canonical) - expected["canonical"]).max() < 1e-6 * extent
+    assert np.abs(gaussians.positions - expected["positions"]).max() < 1e-6 * extent
+    assert np.abs(gaussians.colors - expected["colors"]).max() < 1e-5
+    assert np.abs(gaussians.opacities - expected["opacities"]).max() < 1e-5
+    assert np.abs(gaussians.quaternions - expected["quaternions"]).max() < 1e-5
+
+
+@pytest.mark.parametrize("carrier", [names.ANCHORS, names.GAUSSIANS])
+def test_absent_group_has_no_size(carrier: str, tmp_path: Path) -> None:
+    """Group 2 comes and goes between t 0.2 and 0.8, group 3 from 0.4 on."""
+    tensors, information = make_model(40, FRAMES, groups=3)
+    field = prepare(read_model(write_model(tmp_path / "model.safetensors", tensors, information)))
+    group = np.repeat(tensors["anchors.group"], 1 if carrier == names.ANCHORS else 3)
+    for t, absent in ((0.1, (1, 2)), (0.25, (2,)), (0.5, ()), (0.9, (1,))):
+        values = carriers.evaluate(field, carrier, t, np.zeros(3), names.SHAPE)
+        hidden = np.isin(group, absent)
+        assert (values[names.OPACITY][hidden] == 0).all()
+        np.testing.assert_array_equal(values[names.RADIUS] == 0, hidden)
+        np.testing.assert_array_equal(values[names.SCALE].max(axis=1) == 0, hidden)
+    half, whole = (carriers.evaluate(field, carrier, t, np.zeros(3), ())[names.OPACITY] for t in (0.25, 0.3))
+    assert half[group == 1].max() < 0.55 < whole[group == 1].max()
+
+
+def test_speed_and_displacement_include_the_ride(tmp_path: Path) -> None:
+    tensors, information = make_model(40, FRAMES, groups=3)
+    field = prepare(read_model(write_model(tmp_path / "model.safetensors", tensors, information)))
+    values = carriers.evaluate(field, names.ANCHORS, 0.5, np.zeros(3), (names.SPEED, names.DISPLACEMENT))
+    step = 0.5 / (FRAMES - 1)
+    before, now, after = (evaluate(tensors, information, t, np.zeros(3)) for t in (0.5 - step, 0.5, 0.5 + step))
+    speed = np.linalg.norm(after["anchors"] - before["anchors"], axis=1) * information["fps"]
+    np.testing.assert_allclose(values[names.SPEED], speed, rtol=1e-3, atol=1e-3)
+    moved = np.linalg.norm(now["anchors"] - now["canonical"], axis=1)
+    np.testing.assert_allclose(values[names.DISPLACEMENT], moved, atol=1e-3)
+    assert np.median(moved[tensors["anchors.group"] >= 0]) > 2
 
 
 @pytest.mark.parametrize("aggregation", ["acfa", "anchor_only", "time_only", "mean", "product", None])

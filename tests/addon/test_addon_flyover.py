@@ -91,6 +91,27 @@ def test_foreign_extension_is_refused_in_one_line(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [model]
 
 
+def test_vehicles_are_objects_of_the_blend(extension: str, extension_zip: Path, tmp_path: Path) -> None:
+    import bpy
+
+    assert extension
+    model = write_model(tmp_path / "model.safetensors", *make_model(120, groups=3))
+    blend = tmp_path / "flyover.blend"
+    options = ["--gaussians", "--car", -4, 2.5, 12, 2.5]
+    done = run(model, "--extension", extension_zip, "--out", blend, *options)
+    assert done.returncode == 0, done.stderr
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    meshes = [obj for obj in bpy.data.objects if obj.type == "MESH" and obj.aa4d.filepath]
+    assert {obj.aa4d.playback for obj in meshes} == {"BAKED"}
+    assert {obj.aa4d.filepath for obj in meshes} == {"//model.safetensors"}
+    shown = [obj for obj in meshes if not obj.hide_viewport]
+    assert {obj.aa4d.carrier for obj in shown} == {"ANCHORS"}
+    assert {"car 1", "car 2", "car 3"} < {obj.name for obj in shown}
+    rendered = [obj for obj in meshes if not obj.hide_render]
+    assert {obj.aa4d.carrier for obj in rendered} == {"GAUSSIANS"}
+    assert len(rendered) == len(shown) == 4
+
+
 def test_drives_a_car_through_the_scene(extension: str, extension_zip: Path, tmp_path: Path) -> None:
     import bpy
 

@@ -10,7 +10,7 @@ from bad_model_files import BAD_FILES
 from model_files import header_and_data, make_model, write_file, write_model
 
 from addon.container import ModelFileError
-from addon.field import prepare
+from addon.field import anchor_positions, prepare
 from addon.model import read_model
 
 
@@ -69,3 +69,30 @@ def test_extra_tensors_are_left_alone(tmp_path: Path) -> None:
     tensors["notes.of.another.program"] = np.full(5, np.nan, np.float32)
     model = read_model(write_model(tmp_path / "model.safetensors", tensors, information))
     assert "notes.of.another.program" not in model.tensors
+
+
+def test_groups_are_read(tmp_path: Path) -> None:
+    tensors, information = make_model(20, groups=3)
+    groups = read_model(write_model(tmp_path / "model.safetensors", tensors, information)).groups
+    assert groups is not None
+    assert groups.names == ("car 1", "car 2", "car 3")
+    np.testing.assert_array_equal(groups.of_anchor, tensors["anchors.group"])
+    np.testing.assert_array_equal(groups.riders, np.flatnonzero(tensors["anchors.group"] >= 0))
+    np.testing.assert_array_equal(groups.control[..., 3], tensors["groups.heading"])
+
+
+def test_version_1_has_no_groups_whatever_its_tensors_are_called(tmp_path: Path) -> None:
+    tensors, information = make_model(20, groups=3)
+    information["version"] = 1
+    assert read_model(write_model(tmp_path / "model.safetensors", tensors, information)).groups is None
+
+
+def test_all_groups_may_be_gone(tmp_path: Path) -> None:
+    tensors, information = make_model(20, groups=3)
+    tensors["anchors.group"][:] = -1
+    for name in [name for name in tensors if name.startswith("groups.") and name != "groups.up"]:
+        tensors[name] = tensors[name][:0]
+    information["groups"] = []
+    field = prepare(read_model(write_model(tmp_path / "model.safetensors", tensors, information)))
+    without = prepare(read_model(write_model(tmp_path / "other.safetensors", *make_model(20))))
+    assert anchor_positions(field, 0.3).shape == anchor_positions(without, 0.3).shape

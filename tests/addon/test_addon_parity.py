@@ -4,17 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from model_files import make_model, write_model
+from model_files import add_groups, make_model, write_model
 
-from addon.field import anchor_state, local_gaussians, prepare, to_world
+from addon.field import anchor_positions, anchor_state, local_gaussians, prepare, to_world
 from addon.model import read_model
 
 torch = pytest.importorskip("torch")
 model_file = pytest.importorskip("aa4d.model_file")
 
 
-@pytest.mark.parametrize("t", [0.0, 0.37, 0.5, 1.0])
-def test_numpy_agrees_with_torch(t: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize("t", [0.0, 0.25, 0.37, 0.5, 0.7625, 1.0])
+@pytest.mark.parametrize("up", [None, (0.0, 0.0, 1.0), (0.3, -0.5, 0.7)])  # None: no groups
+def test_numpy_agrees_with_torch(t: float, up: tuple[float, float, float] | None, tmp_path: Path) -> None:
     from aa4d.anchors.canonical import Anchors
     from aa4d.model import AdaAnchor4D, ModelConfig
     from aa4d.raster.types import Camera
@@ -53,6 +54,8 @@ def test_numpy_agrees_with_torch(t: float, tmp_path: Path) -> None:
         model_file.file_name_of(name): model_file.as_in_file(name, value).contiguous().numpy()
         for name, value in state.items()
     }
+    if up is not None:
+        add_groups(tensors, information, 3, up, np.random.default_rng(2))
     path = write_model(tmp_path / "model.safetensors", tensors, information)
 
     numpy_model = read_model(path)
@@ -62,8 +65,11 @@ def test_numpy_agrees_with_torch(t: float, tmp_path: Path) -> None:
     viewmat = torch.eye(4)
     viewmat[:3, 3] = -torch.from_numpy((center - numpy_model.translation) / numpy_model.scale)
     with torch.no_grad():
-        expected = model_file.load_model(path).model.gaussians(t, Camera(viewmat, torch.eye(3), 1, 1))
+        torch_model = model_file.load_model(path).model
+        expected = torch_model.gaussians(t, Camera(viewmat, torch.eye(3), 1, 1))
+        anchors = torch_model.centres(t).numpy()
     extent = np.ptp(tensors["anchors.position"], axis=0).max()
+    np.testing.assert_allclose(anchor_positions(prepare(numpy_model), t), anchors, atol=1e-5)
     assert np.abs(now.positions - tensors["anchors.position"]).max() > 0.01 * extent
     means = to_world(numpy_model, expected.means.numpy()).reshape(gaussians.positions.shape)
     assert np.abs(gaussians.positions - means).max() < 1e-5 * extent * numpy_model.scale
@@ -71,3 +77,6 @@ def test_numpy_agrees_with_torch(t: float, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.maximum(gaussians.opacities, 0).ravel(), expected.opacities.numpy(), atol=1e-5)
     scales = gaussians.scales.reshape(-1, 3) / numpy_model.scale
     np.testing.assert_allclose(scales, expected.scales.numpy(), rtol=1e-4)
+    quaternions = expected.quaternions.numpy()
+    quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    np.testing.assert_allclose(gaussians.quaternions.reshape(-1, 4), quaternions, atol=2e-5)
