@@ -26,7 +26,8 @@ STANDING_PX = 0.25  # a frame
 OFF_PX = (5.0, 1.0)  # that a prediction may miss by: at once, and more for each frame
 SPEEDS_PX = 1.2  # a frame, of velocities before and after a gap
 BESIDE_PX = 6.0  # in the picture: a smaller body there is the rim of the larger, where flow slips
-BESIDE = 0.5  # of the frames in which the smaller one moves
+BESIDE = 0.5  # of the way of the smaller one
+LARGER, AMONG = 3.0, 0.5  # times as many points, of what has rims, and of what another may lie among
 TOUCHING_PX = 4.0  # between two parts of one mover, in the picture
 PARTING_PX = 3.5  # between those, over all their common frames
 PARTING = 0.04  # and more, of the way: flow slips, and bodies turn
@@ -100,9 +101,13 @@ def pruned(body: Body, points: Points, gaps: Ints) -> Body:
     steps = np.diff(points.places[body.members].astype(np.float64), axis=1) - body.velocity * gaps[:, None]
     stray = np.cumsum(np.nan_to_num(steps), axis=1)
     stray = np.concatenate([np.zeros((len(stray), 1, 2)), stray], axis=1)
-    usual = np.nanmedian(np.where(body.on[..., None], stray, np.nan), axis=1, keepdims=True)
+    followed = body.on.any(1)
+    usual = np.zeros((len(stray), 1, 2))
+    usual[followed] = np.nanmedian(
+        np.where(body.on[..., None], stray, np.nan)[followed], axis=1, keepdims=True
+    )
     allowed = STRAY_PX + PARTING * way(body, gaps)[0]
-    on = body.on & (np.linalg.norm(stray - np.nan_to_num(usual), axis=2) <= allowed)
+    on = body.on & (np.linalg.norm(stray - usual, axis=2) <= allowed)
     return trimmed(body_of(points, body.members, gaps, on), points, gaps) if on.any() else body
 
 
@@ -228,23 +233,22 @@ def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
 
 
 def without_rims(bodies: list[Body], points: Points) -> list[Body]:
-    """Bodies less those that move only beside a larger one: where flow slips between a mover and what is behind it."""
+    """Bodies less those whose way lies beside a larger one: where flow slips between a mover and what is behind it."""
     kept: list[Body] = []
     for body in sorted(bodies, key=lambda b: -int(b.number.sum())):
-        moving = np.flatnonzero(np.linalg.norm(np.nan_to_num(body.velocity), axis=1) > STANDING_PX)
+        speed = np.linalg.norm(np.nan_to_num(body.velocity), axis=1)
+        moving = np.flatnonzero(speed > STANDING_PX)
         moving = moving[:: max(len(moving) // 12, 1)]
-        beside = 0
-        for v in moving:
-            mine = body.pixels(points, v)
-            near = 0.0
-            for other in kept:
-                if other.number[v] > len(mine):
-                    theirs = other.pixels(points, v)
-                    if (np.abs(theirs.mean(0) - mine.mean(0)) > 80).any():
-                        continue
-                    reach = cKDTree(theirs).query(mine, distance_upper_bound=BESIDE_PX)[0]
-                    near = max(near, float((reach < BESIDE_PX).mean()))
-            beside += near > 0.5
-        if len(moving) and beside < BESIDE * len(moving):
+        beside = sum(speed[v] for v in moving if any(_is_rim(body, other, points, v) for other in kept))
+        if len(moving) and beside < BESIDE * speed[moving].sum():
             kept.append(body)
     return kept
+
+
+def _is_rim(body: Body, other: Body, points: Points, v: int) -> bool:
+    """Whether a body lies beside a far larger one in frame v, or among the points of one that is hardly smaller."""
+    mine, theirs = body.pixels(points, v), other.pixels(points, v)
+    if not len(mine) or len(theirs) < AMONG * len(mine):
+        return False
+    near = cKDTree(theirs).query(mine, distance_upper_bound=BESIDE_PX)[0] < BESIDE_PX
+    return bool(near.mean() > (0.5 if len(theirs) >= LARGER * len(mine) else 0.85))
