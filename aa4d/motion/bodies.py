@@ -15,6 +15,7 @@ REMNANT = 0.15  # of a body's usual number of points: fewer are no sighting
 STRAY_PX = 3.0  # of a point from its body
 FEWEST_POINTS = 4  # at once, of a body that is judged at all
 WAY_PX = 4.0  # the least that a mover travels over the ground
+HIDDEN_PX = 8.0  # and more, by the share of its points that the static scene shows: it must leave that place
 MISFIT_PX = 1.8  # the least by which its points miss what stands still
 DIFFERING = 0.25  # of its points, over all frames: on what the static scene does not show
 STRAIGHT = 0.5  # of its path that gets it anywhere: what sways does not
@@ -133,7 +134,7 @@ def is_mover(body: Body, points: Points, gaps: Ints) -> bool:
             return False
     if _differing_under_way(body, points) < DIFFERING:
         return False
-    return net >= WAY_PX and body.misfit >= MISFIT_PX and body.differing >= DIFFERING and net >= STRAIGHT * path
+    return net >= WAY_PX + HIDDEN_PX * (1 - body.differing) and body.misfit >= MISFIT_PX and body.differing >= DIFFERING and net >= STRAIGHT * path
 
 
 def _differing_under_way(body: Body, points: Points) -> float:
