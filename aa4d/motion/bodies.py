@@ -104,9 +104,7 @@ def pruned(body: Body, points: Points, gaps: Ints) -> Body:
     stray = np.concatenate([np.zeros((len(stray), 1, 2)), stray], axis=1)
     followed = body.on.any(1)
     usual = np.zeros((len(stray), 1, 2))
-    usual[followed] = np.nanmedian(
-        np.where(body.on[..., None], stray, np.nan)[followed], axis=1, keepdims=True
-    )
+    usual[followed] = np.nanmedian(np.where(body.on[..., None], stray, np.nan)[followed], axis=1, keepdims=True)
     allowed = STRAY_PX + PARTING * way(body, gaps)[0]
     on = body.on & (np.linalg.norm(stray - usual, axis=2) <= allowed)
     return trimmed(body_of(points, body.members, gaps, on), points, gaps) if on.any() else body
@@ -134,7 +132,12 @@ def is_mover(body: Body, points: Points, gaps: Ints) -> bool:
             return False
     if _differing_under_way(body, points) < DIFFERING:
         return False
-    return net >= WAY_PX + HIDDEN_PX * (1 - body.differing) and body.misfit >= MISFIT_PX and body.differing >= DIFFERING and net >= STRAIGHT * path
+    return (
+        net >= WAY_PX + HIDDEN_PX * (1 - body.differing)
+        and body.misfit >= MISFIT_PX
+        and body.differing >= DIFFERING
+        and net >= STRAIGHT * path
+    )
 
 
 def _differing_under_way(body: Body, points: Points) -> float:

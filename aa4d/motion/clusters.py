@@ -66,7 +66,9 @@ def _pair_drift(steps: Floats, known: NDArray[np.bool_], pairs: Ints) -> tuple[F
     return drift, overlap
 
 
-def _agglomerated(points: Points, steps: NDArray[np.float64], known: NDArray[np.bool_], pairs: Ints, gaps: Ints) -> Ints:
+def _agglomerated(
+    points: Points, steps: NDArray[np.float64], known: NDArray[np.bool_], pairs: Ints, gaps: Ints
+) -> Ints:
     count = len(points)
     parent = np.arange(count)
     size = np.ones(count, int)

@@ -14,7 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from aa4d.motion.bodies import DIFFERING, MISFIT_PX, Body, body_of, is_mover, linked, merged, pruned, trimmed, without_rims
+from aa4d.motion.bodies import (
+    DIFFERING,
+    MISFIT_PX,
+    Body,
+    body_of,
+    is_mover,
+    linked,
+    merged,
+    pruned,
+    trimmed,
+    without_rims,
+)
 from aa4d.motion.clusters import clusters
 from aa4d.motion.fit import Priors, Sightings, fit_track
 from aa4d.motion.flow import measure
@@ -63,7 +74,7 @@ def find_tracks(
     if not differs.any():
         return no_tracks(observed)
     progress("optical flow")
-    flow = measure(observed)
+    flow = measure(observed, differs)
     moves = moving_pixels(observed, flow, ground, widened(differs, BESIDE_PX))
     progress("following points")
     points = follow(observed, flow, ground, differs | moves, differs)

@@ -131,9 +131,7 @@ def _split(true: list[int], owner: NDArray[np.int64], presence: NDArray[np.float
     return split
 
 
-def _position_errors(
-    tracks: Tracks, g: int, truth: NDArray[np.float64], capture: Capture
-) -> NDArray[np.float64]:
+def _position_errors(tracks: Tracks, g: int, truth: NDArray[np.float64], capture: Capture) -> NDArray[np.float64]:
     """Metres across the ground at held-out times when the track is shown, in the true mover's frame."""
     times = np.array([capture.frames[i].t for i in range(len(capture.frames))])
     shown = np.flatnonzero(tracks.presence(times)[g] > 0.5)
