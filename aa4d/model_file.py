@@ -27,6 +27,7 @@ from aa4d.motion.groups import Groups, blank_groups
 from aa4d.motion.spline import FEWEST_CONTROLS
 
 MODEL_VERSION = 2  # the newest that is read; what no reader of version 1 would miss is still written as 1
+LONGEST_NAME = 200  # characters, of a group's name
 LARGEST_SIZE = 4096  # of what the header's config counts
 
 
@@ -128,6 +129,7 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
             raise InputError(f"{path}: tensor {file_name_of(name)!r} holds NaN or infinity; train the model again")
     if model.groups is not None:
         state["anchors.group"] = _membership(state["anchors.group"], len(model.groups), path)
+        _check_groups(state, path)
     try:
         model.load_state_dict(state)
     except RuntimeError as error:
@@ -221,10 +223,10 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
 
 def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Groups | None:
     """Blank ones of the file's shapes; None for a file without."""
-    if "anchors.group" not in tensors:
+    if header["version"] < 2:
         return None
     try:
-        names = tuple(str(group["name"]) for group in header["groups"])
+        names = tuple(group["name"][:LONGEST_NAME] for group in header["groups"])
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: the header's groups are damaged ({error!r}); train the model again") from None
     position = _tensor(tensors, "groups.position", path)
@@ -241,6 +243,14 @@ def _membership(value: Tensor, groups: int, path: Path) -> Tensor:
     if not ((value == value.round()) & (value >= -1) & (value < groups)).all():
         raise InputError(f"{path}: anchors.group names a group that is not there (has {groups}); train the model again")
     return value.long()
+
+
+def _check_groups(state: dict[str, Tensor], path: Path) -> None:
+    up, shown = state["groups.up"], state["groups.shown"]
+    if abs(float(up.norm()) - 1) > 1e-3:
+        raise InputError(f"{path}: groups.up is {up.tolist()}, expected a unit vector; train the model again")
+    if shown.shape[-1] != 4 or (shown.diff(dim=-1) < 0).any():
+        raise InputError(f"{path}: groups.shown holds times that go back; train the model again")
 
 
 def _switch(config: dict[str, Any], name: str, path: Path) -> bool:

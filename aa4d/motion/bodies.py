@@ -11,8 +11,11 @@ from scipy.spatial import cKDTree
 
 from aa4d.motion.points import Points
 
+REMNANT = 0.15  # of a body's usual number of points: fewer are no sighting
+STRAY_PX = 3.0  # of a point from its body
 FEWEST_POINTS = 4  # at once, of a body that is judged at all
 WAY_PX = 4.0  # the least that a mover travels over the ground
+HIDDEN_PX = 8.0  # and more, by the share of its points that the static scene shows: it must leave that place
 MISFIT_PX = 1.8  # the least by which its points miss what stands still
 DIFFERING = 0.25  # of its points, over all frames: on what the static scene does not show
 STRAIGHT = 0.5  # of its path that gets it anywhere: what sways does not
@@ -24,13 +27,15 @@ STANDING_PX = 0.25  # a frame
 OFF_PX = (5.0, 1.0)  # that a prediction may miss by: at once, and more for each frame
 SPEEDS_PX = 1.2  # a frame, of velocities before and after a gap
 BESIDE_PX = 6.0  # in the picture: a smaller body there is the rim of the larger, where flow slips
-BESIDE = 0.5  # of the frames in which the smaller one moves
+BESIDE = 0.5  # of the way of the smaller one
+LARGER, AMONG = 3.0, 0.5  # times as many points, of what has rims, and of what another may lie among
 TOUCHING_PX = 4.0  # between two parts of one mover, in the picture
 PARTING_PX = 3.5  # between those, over all their common frames
 PARTING = 0.04  # and more, of the way: flow slips, and bodies turn
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,11 @@ class Body:
     velocity: Array  # [V - 1, 2] a clip frame, between successive training frames; NaN where unknown
     misfit: float  # of its points, median
     differing: float  # share of its points on what the static scene does not show
+    on: Mask  # [M, V] when each of the members is on it
+
+    def pixels(self, points: Points, v: int) -> NDArray[np.float32]:
+        """[N, 2]: its points in frame v."""
+        return points.pixels[self.members[self.on[:, v]], v]
 
     @property
     def first(self) -> int:
@@ -53,10 +63,10 @@ class Body:
         return int(np.flatnonzero(self.number)[-1])
 
 
-def body_of(points: Points, members: Ints, gaps: Ints) -> Body:
-    """The mean motion of some points."""
-    places = points.places[members].astype(np.float64)
-    alive = points.alive[members]
+def body_of(points: Points, members: Ints, gaps: Ints, on: Mask | None = None) -> Body:
+    """The mean motion of some points, over all frames or while they are `on` [M, V]."""
+    alive = points.alive[members] if on is None else on
+    places = np.where(alive[..., None], points.places[members].astype(np.float64), np.nan)
     number = alive.sum(0)
     with np.errstate(invalid="ignore"):
         place = np.where(alive[..., None], places, 0).sum(0) / np.where(number > 0, number, np.nan)[:, None]
@@ -66,23 +76,38 @@ def body_of(points: Points, members: Ints, gaps: Ints) -> Body:
         known = np.isfinite(steps[:, s, 0])
         if known.any():
             velocity[s] = np.median(steps[known, s], axis=0)
-    differing = float(points.differs[members].sum() / max(alive.sum(), 1))
-    return Body(members, number, place, velocity, float(np.median(points.misfit[members])), differing)
+    differing = float((points.differs[members] & alive).sum() / max(alive.sum(), 1))
+    return Body(members, number, place, velocity, float(np.median(points.misfit[members])), differing, alive)
 
 
-def trimmed(body: Body, fewest: int) -> Body:
-    """Without the frames at either end in which too few of its points are left."""
-    enough = np.flatnonzero(body.number >= fewest)
+def joined_of(bodies: list[Body], points: Points, gaps: Ints) -> Body:
+    """Several bodies as one."""
+    members, on = np.concatenate([b.members for b in bodies]), np.concatenate([b.on for b in bodies])
+    return body_of(points, members, gaps, on)
+
+
+def trimmed(body: Body, points: Points, gaps: Ints) -> Body:
+    """Without the frames at either end in which hardly a point is left: those few have come to lie on something else."""
+    usual = float(np.percentile(body.number[body.number > 0], 75))
+    enough = np.flatnonzero(body.number >= max(2.0, REMNANT * usual))
     if not len(enough):
         return body
-    inside = np.zeros(len(body.number), bool)
-    inside[enough[0] : enough[-1] + 1] = True
-    number = np.where(inside, body.number, 0)
-    place = np.where((number > 0)[:, None], body.place, np.nan)
-    both = (number[1:] > 0) & (number[:-1] > 0)
-    return Body(
-        body.members, number, place, np.where(both[:, None], body.velocity, np.nan), body.misfit, body.differing
-    )
+    on = body.on.copy()
+    on[:, : enough[0]] = on[:, enough[-1] + 1 :] = False
+    return body_of(points, body.members, gaps, on)
+
+
+def pruned(body: Body, points: Points, gaps: Ints) -> Body:
+    """Without points while they stray from the others: on the road beside it, or on what hides it."""
+    steps = np.diff(points.places[body.members].astype(np.float64), axis=1) - body.velocity * gaps[:, None]
+    stray = np.cumsum(np.nan_to_num(steps), axis=1)
+    stray = np.concatenate([np.zeros((len(stray), 1, 2)), stray], axis=1)
+    followed = body.on.any(1)
+    usual = np.zeros((len(stray), 1, 2))
+    usual[followed] = np.nanmedian(np.where(body.on[..., None], stray, np.nan)[followed], axis=1, keepdims=True)
+    allowed = STRAY_PX + PARTING * way(body, gaps)[0]
+    on = body.on & (np.linalg.norm(stray - usual, axis=2) <= allowed)
+    return trimmed(body_of(points, body.members, gaps, on), points, gaps) if on.any() else body
 
 
 def way(body: Body, gaps: Ints) -> tuple[float, float]:
@@ -95,7 +120,7 @@ def way(body: Body, gaps: Ints) -> tuple[float, float]:
     return float(apart.max()), float(np.linalg.norm(smooth, axis=1).sum())
 
 
-def is_mover(body: Body, gaps: Ints) -> bool:
+def is_mover(body: Body, points: Points, gaps: Ints) -> bool:
     """Whether a body gets somewhere, as a whole, against the static scene."""
     if body.number.max() < FEWEST_POINTS:
         return False
@@ -105,7 +130,21 @@ def is_mover(body: Body, gaps: Ints) -> bool:
         speeds = np.linalg.norm(body.velocity[np.isfinite(body.velocity[:, 0])], axis=1)
         if not len(speeds) or speeds.min() < BRIEF_STEP_PX or body.number.max() < BRIEF_POINTS:
             return False
-    return net >= WAY_PX and body.misfit >= MISFIT_PX and body.differing >= DIFFERING and net >= STRAIGHT * path
+    if _differing_under_way(body, points) < DIFFERING:
+        return False
+    return (
+        net >= WAY_PX + HIDDEN_PX * (1 - body.differing)
+        and body.misfit >= MISFIT_PX
+        and body.differing >= DIFFERING
+        and net >= STRAIGHT * path
+    )
+
+
+def _differing_under_way(body: Body, points: Points) -> float:
+    """The share of its points that are on what the static scene does not show, while it moves."""
+    moving = np.flatnonzero(np.linalg.norm(np.nan_to_num(body.velocity), axis=1) > STANDING_PX)
+    number = body.on[:, moving].sum()
+    return float((points.differs[body.members][:, moving] & body.on[:, moving]).sum() / max(number, 1))
 
 
 def linked(bodies: list[Body], points: Points, ranks: Ints) -> list[Body]:
@@ -131,7 +170,7 @@ def linked(bodies: list[Body], points: Points, ranks: Ints) -> list[Body]:
             if len(chain) == 1:
                 joined.append(bodies[head])
             else:
-                joined.append(body_of(points, np.concatenate([bodies[i].members for i in chain]), gaps))
+                joined.append(joined_of([bodies[i] for i in chain], points, gaps))
         bodies = joined
     return bodies
 
@@ -172,7 +211,7 @@ def merged(bodies: list[Body], points: Points, gaps: Ints) -> list[Body]:
         for k, other in enumerate(done):
             if _keep_together(other, body, points, gaps):
                 done.pop(k)
-                waiting.append(body_of(points, np.concatenate([other.members, body.members]), gaps))
+                waiting.append(joined_of([other, body], points, gaps))
                 break
         else:
             done.append(body)
@@ -191,34 +230,29 @@ def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
         return False
     distances = []
     for v in common[:: max(len(common) // 6, 1)]:
-        pa = points.pixels[a.members, v]
-        pb = points.pixels[b.members, v]
-        pa, pb = pa[np.isfinite(pa[:, 0])], pb[np.isfinite(pb[:, 0])]
+        pa, pb = a.pixels(points, v), b.pixels(points, v)
         if len(pa) and len(pb):
             distances.append(float(cKDTree(pa).query(pb)[0].min()))
     return bool(distances) and float(np.median(distances)) < TOUCHING_PX
 
 
 def without_rims(bodies: list[Body], points: Points) -> list[Body]:
-    """Bodies less those that move only beside a larger one: where flow slips between a mover and what is behind it."""
+    """Bodies less those whose way lies beside a larger one: where flow slips between a mover and what is behind it."""
     kept: list[Body] = []
     for body in sorted(bodies, key=lambda b: -int(b.number.sum())):
-        moving = np.flatnonzero(np.linalg.norm(np.nan_to_num(body.velocity), axis=1) > STANDING_PX)
+        speed = np.linalg.norm(np.nan_to_num(body.velocity), axis=1)
+        moving = np.flatnonzero(speed > STANDING_PX)
         moving = moving[:: max(len(moving) // 12, 1)]
-        beside = 0
-        for v in moving:
-            mine = points.pixels[body.members, v]
-            mine = mine[np.isfinite(mine[:, 0])]
-            near = 0.0
-            for other in kept:
-                if other.number[v] > len(mine):
-                    theirs = points.pixels[other.members, v]
-                    theirs = theirs[np.isfinite(theirs[:, 0])]
-                    if (np.abs(theirs.mean(0) - mine.mean(0)) > 80).any():
-                        continue
-                    reach = cKDTree(theirs).query(mine, distance_upper_bound=BESIDE_PX)[0]
-                    near = max(near, float((reach < BESIDE_PX).mean()))
-            beside += near > 0.5
-        if len(moving) and beside < BESIDE * len(moving):
+        beside = sum(speed[v] for v in moving if any(_is_rim(body, other, points, v) for other in kept))
+        if len(moving) and beside < BESIDE * speed[moving].sum():
             kept.append(body)
     return kept
+
+
+def _is_rim(body: Body, other: Body, points: Points, v: int) -> bool:
+    """Whether a body lies beside a far larger one in frame v, or among the points of one that is hardly smaller."""
+    mine, theirs = body.pixels(points, v), other.pixels(points, v)
+    if not len(mine) or len(theirs) < AMONG * len(mine):
+        return False
+    near = cKDTree(theirs).query(mine, distance_upper_bound=BESIDE_PX)[0] < BESIDE_PX
+    return bool(near.mean() > (0.5 if len(theirs) >= LARGER * len(mine) else 0.85))

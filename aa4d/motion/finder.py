@@ -14,7 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from aa4d.motion.bodies import DIFFERING, MISFIT_PX, Body, body_of, is_mover, linked, merged, trimmed, without_rims
+from aa4d.motion.bodies import (
+    DIFFERING,
+    MISFIT_PX,
+    Body,
+    body_of,
+    is_mover,
+    linked,
+    merged,
+    pruned,
+    trimmed,
+    without_rims,
+)
 from aa4d.motion.clusters import clusters
 from aa4d.motion.fit import Priors, Sightings, fit_track
 from aa4d.motion.flow import measure
@@ -31,11 +42,14 @@ Say = Callable[[str], None]
 
 SEGMENT_S = 0.5
 HEIGHT = 0.4  # of a mover, over the root of the area that it covers on the ground as the camera sees it
-LABEL_PX = 3.0  # from a followed point to a pixel that differs: both show the same mover
-POINT_PX = 1.5  # what a point stands for by itself
+LABEL_PX = 2.5  # from a followed point to a pixel that differs: both show the same mover
+POINT_PX = 1.2  # what a point stands for by itself
 BESIDE_PX = 6  # of what differs: what moves there may belong to it
 AROUND_PX = 2  # what `moving` adds around a label
 SHADOW_PX = 6  # how far from a label what differs may be its shadow
+SHADE = (0.3, 0.9)  # of the static scene's colour: a shadow on it
+SHADE_OFF = 0.03  # of [0, 1], that a shadow's colour may be off from that
+SHADE_MOST = 0.6  # of a label; beyond, the mover itself is grey and dark
 EDGE_PX = 2.5  # a label so near to the picture's edge is cut by it
 BESIDE_EDGE = 4.0  # times the uncertainty of a centre that the edge cuts
 POSITION_PX, VELOCITY_PX, ACCELERATION_PX = 3.0, 0.3, 1.5
@@ -60,13 +74,14 @@ def find_tracks(
     if not differs.any():
         return no_tracks(observed)
     progress("optical flow")
-    flow = measure(observed)
+    flow = measure(observed, differs)
     moves = moving_pixels(observed, flow, ground, widened(differs, BESIDE_PX))
     progress("following points")
     points = follow(observed, flow, ground, differs | moves, differs)
     bodies = find_bodies(points, observed.rank, settings)
     progress("tracks")
     labels = labelled(observed, bodies, points, differs | moves)
+    labels = without_shadows(observed, labels)
     keep = [g for g in range(len(bodies)) if (labels == g + 1).any(axis=(1, 2)).sum() >= settings.fewest_frames]
     return assembled(observed, ground, [bodies[g] for g in keep], _renumbered(labels, keep), differs, moves)
 
@@ -99,13 +114,13 @@ def find_bodies(points: Points, ranks: NDArray[np.int64], settings: FinderSettin
     candidates = []
     for members in groups:
         if len(members) >= settings.fewest_points:
-            body = trimmed(body_of(points, members, gaps), 2)
+            body = trimmed(body_of(points, members, gaps), points, gaps)
             if body.number.max() >= settings.fewest_points and (body.number > 0).sum() > 1:
                 candidates.append(body)
     # Fragments are judged after they were joined; what stands by itself does not lead a chain astray.
     parts = [b for b in candidates if b.misfit > 0.6 * MISFIT_PX and b.differing > 0.5 * DIFFERING]
     joined = merged(linked(parts, points, ranks), points, gaps)
-    return without_rims([b for b in joined if is_mover(b, gaps)], points)
+    return without_rims([b for b in (pruned(b, points, gaps) for b in joined) if is_mover(b, points, gaps)], points)
 
 
 def labelled(observed: Observations, bodies: list[Body], points: Points, candidates: Mask) -> NDArray[np.uint16]:
@@ -116,8 +131,7 @@ def labelled(observed: Observations, bodies: list[Body], points: Points, candida
         at, owner = [], []
         for g, body in enumerate(bodies):
             if body.number[v]:
-                pixels = points.pixels[body.members, v]
-                pixels = pixels[np.isfinite(pixels[:, 0])]
+                pixels = body.pixels(points, v)
                 at.append(pixels)
                 owner.append(np.full(len(pixels), g + 1))
         if not at:
@@ -132,6 +146,26 @@ def labelled(observed: Observations, bodies: list[Body], points: Points, candida
         mine = (distance < POINT_PX) | ((distance < LABEL_PX) & candidates[v][rows, columns])
         labels[v][rows[mine], columns[mine]] = np.concatenate(owner)[nearest[mine]]
     return labels
+
+
+def without_shadows(observed: Observations, labels: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Labels less pixels that show the static scene, only darker; all of a mover's where they are most of it."""
+    result = labels.copy()
+    for v, label in enumerate(labels):
+        rows, columns = np.nonzero(label)
+        if not len(rows):
+            continue
+        image = cv2.GaussianBlur(observed.images[v].astype(np.float32) / 255, (0, 0), 0.8)[rows, columns]
+        static = cv2.GaussianBlur(observed.static_color[v], (0, 0), 0.8)[rows, columns]
+        share = (image * static).sum(1) / np.maximum((static * static).sum(1), 1e-6)
+        off = np.abs(image - share[:, None] * static).max(axis=1)
+        shadow = (share > SHADE[0]) & (share < SHADE[1]) & (off < SHADE_OFF)
+        number = label[rows, columns]
+        total = np.bincount(number, minlength=int(labels.max()) + 1)
+        dark = np.bincount(number, shadow, minlength=len(total))
+        shadow &= (dark < SHADE_MOST * total)[number]
+        result[v][rows[shadow], columns[shadow]] = 0
+    return result
 
 
 def _renumbered(labels: NDArray[np.uint16], keep: list[int]) -> NDArray[np.uint16]:

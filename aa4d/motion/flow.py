@@ -12,6 +12,7 @@ from aa4d.motion.ground import project
 from aa4d.motion.observations import Observations
 
 LONGEST_PX = 720  # of the pictures that flow is measured in: small ones are doubled, for cars of ten pixels
+CLEARLY = 0.7  # of the mismatch
 CONSISTENT_PX = 1.0  # forwards and back again
 
 Floats = NDArray[np.float32]
@@ -28,28 +29,65 @@ class Flow:
     backward_error: Floats  # [P, H, W]
 
 
-def measure(observed: Observations) -> Flow:
+def measure(observed: Observations, differs: NDArray[np.bool_]) -> Flow:
+    """Of the frames as they are; where they differ [V, H, W] from the static scene, of what differs alone if it fits.
+
+    A mover of ten pixels that goes as far between two frames is lost among the ground's texture, unless that is blank.
+    """
     height, width = observed.images.shape[1:3]
-    scale = float(np.clip(LONGEST_PX / max(height, width), 1.0, 2.0)) if max(height, width) < LONGEST_PX else 1.0
+    scale = float(np.clip(LONGEST_PX / max(height, width), 1.0, 2.0))
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     dis.setFinestScale(0)
-    grey = [_grey(image, scale) for image in observed.images]
-    pairs = max(len(grey) - 1, 0)
+    whole = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in observed.images]
+    usual = int(np.median(np.stack(whole)))
+    alone = [np.where(mask, grey, usual).astype(np.uint8) for grey, mask in zip(whole, differs, strict=True)]
+    pairs = max(len(whole) - 1, 0)
     ways = np.zeros((2, pairs, height, width, 2), np.float32)
-    for p in range(pairs):
-        for way, (a, b) in enumerate(((grey[p], grey[p + 1]), (grey[p + 1], grey[p]))):
-            flow = np.asarray(dis.calc(a, b, np.zeros((*a.shape, 2), np.float32)), np.float32) / scale
-            ways[way, p] = cv2.resize(flow, (width, height), interpolation=cv2.INTER_AREA)
     errors = np.zeros((2, pairs, height, width), np.float32)
     for p in range(pairs):
+        there, back = (_flow(dis, whole[a], whole[b], scale) for a, b in ((p, p + 1), (p + 1, p)))
+        there_alone, back_alone = (_flow(dis, alone[a], alone[b], scale) for a, b in ((p, p + 1), (p + 1, p)))
+        ways[0, p] = _better(there, back, there_alone, back_alone, whole[p], whole[p + 1], differs[p])
+        ways[1, p] = _better(back, there, back_alone, there_alone, whole[p + 1], whole[p], differs[p + 1])
         errors[0, p] = _round_trip(ways[0, p], ways[1, p])
         errors[1, p] = _round_trip(ways[1, p], ways[0, p])
     return Flow(ways[0], ways[1], errors[0], errors[1])
 
 
-def _grey(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+def _flow(dis: cv2.DISOpticalFlow, a: NDArray[np.uint8], b: NDArray[np.uint8], scale: float) -> Floats:
+    height, width = a.shape
+    a, b = _scaled(a, scale), _scaled(b, scale)
+    flow = np.asarray(dis.calc(a, b, np.zeros((*a.shape, 2), np.float32)), np.float32) / scale
+    return np.asarray(cv2.resize(flow, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _better(
+    flow: Floats,
+    back: Floats,
+    alone: Floats,
+    back_alone: Floats,
+    here: NDArray[np.uint8],
+    there: NDArray[np.uint8],
+    differs: NDArray[np.bool_],
+) -> Floats:
+    """[H, W, 2]: `alone` where it is consistent and carries the picture clearly better than `flow`."""
+    consistent = _round_trip(alone, back_alone) < CONSISTENT_PX
+    lost = _round_trip(flow, back) >= CONSISTENT_PX
+    clearly = np.where(lost, 1.0, CLEARLY) * _mismatch(flow, here, there)
+    chosen = differs & consistent & (_mismatch(alone, here, there) < clearly)
+    return np.where(chosen[..., None], alone, flow).astype(np.float32)
+
+
+def _mismatch(flow: Floats, here: NDArray[np.uint8], there: NDArray[np.uint8]) -> Floats:
+    """[H, W]: the difference of grey levels that a flow leaves, around each pixel."""
+    height, width = here.shape
+    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    carried = cv2.remap(there.astype(np.float32), x + flow[..., 0], y + flow[..., 1], cv2.INTER_LINEAR)
+    return np.asarray(cv2.blur(np.abs(carried - here), (5, 5)), np.float32)
+
+
+def _scaled(grey: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
+    size = (round(grey.shape[1] * scale), round(grey.shape[0] * scale))
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC) if scale != 1 else grey)
 
 

@@ -17,6 +17,7 @@ from aa4d.motion.standing import misfit
 
 SPACING_PX = 2
 MOVING_PX = 0.7  # a frame, against the static scene: that a pixel moves
+REST = 1  # frames on the static scene that say nothing
 STEPS_WITHOUT_REASON = 2  # a point that neither differs nor ever moved is given up
 
 Array = NDArray[np.float64]
@@ -128,6 +129,7 @@ def follow(observed: Observations, flow: Flow, ground: Ground, reason: Mask, dif
     keep = np.flatnonzero(moved & (np.isfinite(pixels[..., 0]).sum(1) > 1))
     pixels, born = pixels[keep], born[keep]
     _backwards(pixels, born, flow, height, width)
+    _let_go(pixels, differs)
     return _placed(observed, ground, pixels, differs)
 
 
@@ -142,6 +144,21 @@ def _backwards(pixels: Floats, born: NDArray[np.int64], flow: Flow, height: int,
         good = (error < CONSISTENT_PX) & (end > 0).all(1) & (end[:, 0] < width) & (end[:, 1] < height)
         pixels[active[good], v - 1] = end[good]
         active = active[good]
+
+
+def _let_go(pixels: Floats, differs: Mask) -> None:
+    """End points that lie on the static scene both before and after something passed: it dragged them; in place.
+
+    On one side only, a point may be on a vehicle that is parked there.
+    """
+    alive = np.isfinite(pixels[..., 0])
+    column, row = np.floor(np.where(alive[..., None], pixels, 0)).astype(int).transpose(2, 0, 1)
+    on = differs[np.arange(pixels.shape[1])[None], row, column] & alive
+    frames = np.arange(pixels.shape[1])[None]
+    begin, end = alive.argmax(1), pixels.shape[1] - 1 - alive[:, ::-1].argmax(1)
+    first, last = on.argmax(1), pixels.shape[1] - 1 - on[:, ::-1].argmax(1)
+    dragged = on.any(1) & (first > begin + REST) & (last < end - REST)
+    pixels[dragged[:, None] & ((frames < first[:, None]) | (frames > last[:, None]))] = np.nan
 
 
 def _placed(observed: Observations, ground: Ground, pixels: Floats, differs: Mask) -> Points:
