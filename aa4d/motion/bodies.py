@@ -87,7 +87,7 @@ def joined_of(bodies: list[Body], points: Points, gaps: Ints) -> Body:
 
 
 def trimmed(body: Body, points: Points, gaps: Ints) -> Body:
-    """Without the frames at either end in which hardly a point is left: those few have come to lie on something else."""
+    """Without the frames at either end in which hardly a point is left: those few lie on something else."""
     usual = float(np.percentile(body.number[body.number > 0], 75))
     enough = np.flatnonzero(body.number >= max(2.0, REMNANT * usual))
     if not len(enough):

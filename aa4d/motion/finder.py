@@ -29,7 +29,7 @@ from aa4d.motion.bodies import (
 from aa4d.motion.clusters import clusters
 from aa4d.motion.fit import Priors, Sightings, fit_track
 from aa4d.motion.flow import measure
-from aa4d.motion.ground import Ground, find_ground, project
+from aa4d.motion.ground import Ground, find_ground
 from aa4d.motion.observations import Observations
 from aa4d.motion.points import Points, follow, moving_pixels
 from aa4d.motion.residual import differing, residuals
@@ -80,7 +80,7 @@ def find_tracks(
     points = follow(observed, flow, ground, differs | moves, differs)
     bodies = find_bodies(points, observed.rank, settings)
     progress("tracks")
-    labels = labelled(observed, bodies, points, differs | moves)
+    labels = labelled(bodies, points, differs | moves)
     labels = without_shadows(observed, labels)
     keep = [g for g in range(len(bodies)) if (labels == g + 1).any(axis=(1, 2)).sum() >= settings.fewest_frames]
     return assembled(observed, ground, [bodies[g] for g in keep], _renumbered(labels, keep), differs, moves)
@@ -123,7 +123,7 @@ def find_bodies(points: Points, ranks: NDArray[np.int64], settings: FinderSettin
     return without_rims([b for b in (pruned(b, points, gaps) for b in joined) if is_mover(b, points, gaps)], points)
 
 
-def labelled(observed: Observations, bodies: list[Body], points: Points, candidates: Mask) -> NDArray[np.uint16]:
+def labelled(bodies: list[Body], points: Points, candidates: Mask) -> NDArray[np.uint16]:
     """[V, H, W]: of pixels near a followed point, the number of its body from 1."""
     views, height, width = candidates.shape
     labels = np.zeros((views, height, width), np.uint16)
@@ -281,8 +281,3 @@ def may_move(tracked: Mask, differs: Mask, moves: Mask) -> Mask:
         loose = untracked[regions] | (differs[v] & (cv2.dilate(label, beside) > 0))
         result[v] = cv2.dilate((tracked[v] | loose).astype(np.uint8), rim) > 0
     return result
-
-
-def seen_at(points: Array, observed: Observations, v: int) -> Array:
-    """Pixels [N, 2] of points in frame v."""
-    return project(points, observed.viewmat[v], observed.K)[0]

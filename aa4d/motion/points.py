@@ -1,4 +1,4 @@
-"""Points followed by flow: where something differs from the static scene or moves against it, for as long as flow holds.
+"""Points followed by flow: where something differs from the static scene or moves against it, while flow holds.
 
 Short flows are trusted, long chains only while every step returns to its start.
 """

@@ -79,8 +79,8 @@ class Stage:
             corners = np.array([[a, b] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) * [length / 2, width / 2]
             floor = corners @ np.array([[c, s], [-s, c]]) + [x, y]
             low = np.column_stack([floor, self.land(floor[:, 0])])
-            high = low + [0, 0, height]
-            faces = [(high, 0)] + [(np.array([low[k], low[k - 3], high[k - 3], high[k]]), k + 1) for k in range(4)]
+            high = low + np.array([0, 0, height])
+            faces = [(high, 0), *((np.array([low[k], low[k - 3], high[k - 3], high[k]]), k + 1) for k in range(4))]
             for quad, k in faces[1:] + faces[:1]:
                 normal = np.cross(quad[1] - quad[0], quad[2] - quad[0])
                 middle = quad.mean(0)
