@@ -47,8 +47,7 @@ def _of_groups(loaded: LoadedModel) -> list[Trajectory]:
         there = torch.stack([groups.presence(float(t)) > 0 for t in times]).numpy()
         position = torch.stack([p.position for p in poses]).double().numpy()  # [S, G, 3]
         # x of a group's frame points forward at heading 0, as an instance's does in its own (docs/formats.md).
-        east = torch.tensor([1.0, 0, 0]).expand(len(groups), 3)
-        forward = torch.stack([p.to_world(east) - p.position for p in poses]).double().numpy()
+        forward = torch.stack([p.rotation[:, :, 0] for p in poses]).double().numpy()
     world = position * loaded.frame.unit_m + loaded.frame.origin_m
     return [
         Trajectory(name, group_color(g), times, world[:, g], there[:, g], forward[:, g])

@@ -215,7 +215,7 @@ def test_still_is_white_and_directions_differ() -> None:
     [
         (lambda a: a | {"object_to_world": a["object_to_world"][:-1]}, "object_to_world has shape"),
         (lambda a: a | {"present": np.ones((2, 2), bool)}, "present has shape"),
-        (lambda a: {k: v for k, v in a.items() if k != "moving"}, "tracks cannot be read"),
+        (lambda a: {k: v for k, v in a.items() if k != "moving"}, "array .moving. cannot be read"),
     ],
 )
 def test_damaged_tracks_are_refused(toy_capture: Path, change: object, says: str) -> None:

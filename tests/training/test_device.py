@@ -53,7 +53,7 @@ def test_what_a_training_step_computes_mixes_no_devices(
     toy_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
     monkeypatch.setattr(rendering, "rasterize", blurred)
-    monkeypatch.setattr(rendering, "in_view", lambda position, _: torch.arange(len(position), device=position.device))
+    monkeypatch.setattr(rendering, "in_view", lambda position, *_: torch.arange(len(position), device=position.device))
     monkeypatch.setattr(nn.Module, "to", moved)
     capture = read_capture(toy_capture)
     with FakeTensorMode(allow_non_fake_inputs=True):
