@@ -93,6 +93,9 @@ def motion_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:
         found = f"{metrics['groups_matched']} of {metrics['moving_instances']} moving instances"
         known = metrics["moving_instances"] is not None
         rows.append(("rigid groups", f"{metrics['groups']}" + (f", {found}" if known else ""), ""))
+    if metrics["track_recall"] is not None:
+        wrong = f"{metrics['vehicles_missed']} vehicles missed, {metrics['tracks_false']} tracks false"
+        rows.append((f"vehicle-frames on a track ({wrong})", f"{100 * metrics['track_recall']:.0f} %", ""))
     if metrics["group_error_m"] is not None:
         rows.append(("error of their trajectories, median", f"{metrics['group_error_m']:.2f} m", ""))
     if metrics["flow_agreement_px"] is not None:

@@ -28,6 +28,8 @@ from aa4d.evaluation.speed import TIMED_FRAMES, WARM_UP_FRAMES, measure_speed, n
 from aa4d.evaluation.views import render_frame
 from aa4d.files import make_folder, whole_file, write_json
 from aa4d.model_file import LoadedModel, load_model
+from aa4d.motion.score import score_tracks
+from aa4d.motion.tracks_file import load_tracks, tracks_path
 
 TRAINING_FRAMES = 32  # at most so many of them are scored, evenly over time, for the gap to the held-out ones
 BEST_DB = 100.0  # what identical images count as
@@ -80,6 +82,9 @@ class Metrics:
     psnr_activity: dict[str, float]  # by activity class, errors pooled over the frames; empty without truth
     psnr_activity_static: dict[str, float]  # likewise, the coarse stage
     activity_share: dict[str, float]  # of the pixels with activity truth
+    track_recall: float | None  # of vehicle-frames, by the tracks that the run found; None without tracks or truth
+    tracks_false: int | None  # of the run's tracks, those that follow nothing that moves
+    vehicles_missed: int | None
     motion: MotionScores  # its keys stand beside these in the file
     psnr_training: float  # over training frames: how much of the quality is memory
     fps: float
@@ -178,6 +183,7 @@ def evaluate(
         psnr_activity=_capped_all(by_class.psnr()),
         psnr_activity_static=_capped_all(by_class_static.psnr()),
         activity_share=by_class.share(),
+        **_track_scores(run, capture),
         motion=motion.scores,
         psnr_training=statistics.fmean(s.psnr for s in training_scores),
         fps=speed.fps,
@@ -197,6 +203,18 @@ def evaluate(
     plot_psnr(out / "psnr.png", metrics.as_json())
     write_json(run / "metrics.json", metrics.as_json())
     return metrics
+
+
+def _track_scores(run: Path, capture: Capture) -> dict[str, Any]:
+    path = tracks_path(run)
+    if capture.tracks is None or not path.exists():
+        return {"track_recall": None, "tracks_false": None, "vehicles_missed": None}
+    score = score_tracks(load_tracks(path), capture)
+    return {
+        "track_recall": score.recall,
+        "tracks_false": len(score.false),
+        "vehicles_missed": len(score.missed),
+    }
 
 
 def capture_of(loaded: LoadedModel, named: Path | None) -> Capture:

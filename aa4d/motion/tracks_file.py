@@ -12,6 +12,15 @@ from aa4d.motion.spline import FEWEST_CONTROLS
 from aa4d.motion.tracks import Tracks
 
 
+def tracks_path(out: Path) -> Path:
+    return out / "tracks.npz"
+
+
+def movers_path(out: Path) -> Path:
+    """The first look, on a static stage that saw the movers: what the clean stage leaves out."""
+    return out / "movers.npz"
+
+
 def save_tracks(path: Path, tracks: Tracks) -> None:
     with whole_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(

@@ -95,7 +95,7 @@ class MotionSettings:
     # [swept] of the field where anchors ride: with nothing left to chase it may be calm, and learns instants less.
     time_smoothness: float = 0.1
     time_constancy: float = 1e-3
-    membership: float = 0.0  # weight of the share of riders that a pixel shows against the movers' masks
+    membership: float = 0.1  # [swept] weight of the share of riders that a pixel shows against the movers' masks
 
     @property
     def needs_static(self) -> bool:

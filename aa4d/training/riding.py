@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -133,12 +132,3 @@ def membership_loss(share: Tensor, labels: Tensor, moving: Tensor) -> Tensor:
     """
     certain = labels | ~moving
     return ((share - labels.float()).abs() * certain).sum() / certain.sum().clamp_min(1)
-
-
-def tracks_path(out: Path) -> Path:
-    return out / "tracks.npz"
-
-
-def movers_path(out: Path) -> Path:
-    """The first look, on a static stage that saw the movers: what the clean stage leaves out."""
-    return out / "movers.npz"

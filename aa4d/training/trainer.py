@@ -28,7 +28,7 @@ from aa4d.kernels.image_loss import image_loss
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.model_file import save_model
 from aa4d.motion.tracks import Tracks
-from aa4d.motion.tracks_file import load_tracks, save_tracks
+from aa4d.motion.tracks_file import load_tracks, movers_path, save_tracks, tracks_path
 from aa4d.motion.truth import truth_tracks
 from aa4d.raster.types import Camera
 from aa4d.rendering import Rendered, render
@@ -38,7 +38,7 @@ from aa4d.training.growth import densify
 from aa4d.training.history import History
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
-from aa4d.training.riding import FloatArray, add_riders, find, membership_loss, movers_path, tracks_path
+from aa4d.training.riding import FloatArray, add_riders, find, membership_loss
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
