@@ -17,10 +17,11 @@ from rich.console import Console
 
 from aa4d import demo
 from aa4d.demo import run_demo
-from aa4d.training.config import TrainingConfig
+from aa4d.training.config import MotionSettings, TrainingConfig
 
 SCENE = Path(__file__).parent.parent / "scenes/crossroads.toml"
-CONFIG = TrainingConfig(preset="test", coarse_iterations=20, fine_iterations=20)
+MOTION = MotionSettings(clean_iterations=10)
+CONFIG = TrainingConfig(preset="test", coarse_iterations=20, fine_iterations=20, motion=MOTION)
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="the bpy module is not installed")
 
@@ -54,10 +55,12 @@ def test_every_result_is_there(finished: tuple[Path, Path]) -> None:
     summary = json.loads((out / "summary.json").read_text())
     wanted = {"psnr", "psnr_dynamic", "ssim", "fps", "anchors", "gaussians", "neural_mib", "seconds"}
     assert wanted <= summary.keys()
-    assert list(summary["seconds"]) == ["synthesis", "training", "evaluation", "extension", "blend", "report"]
+    assert list(summary["seconds"]) == ["synthesis", "training", "paper", "evaluation", "extension", "blend", "report"]
     assert all(seconds > 0 for seconds in summary["seconds"].values())
     assert json.loads((out / "metrics.json").read_text())["psnr"] == summary["psnr"]
     assert (out / "report.html").read_text().count("data:image/png") >= 5
+    assert summary["paper"].keys() == {"psnr", "psnr_dynamic", "ssim", "fps"}
+    assert "the paper&#39;s model" in (out / "report.html").read_text()
     picture = np.asarray(Image.open(out / "flyover.png").convert("RGB"))
     assert picture.std() > 10
 

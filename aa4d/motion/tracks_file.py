@@ -43,7 +43,7 @@ def load_tracks(path: Path) -> Tracks:
         groups = len(arrays["names"])
         tracks = Tracks(
             names=tuple(str(name) for name in arrays["names"]),
-            control=arrays["control"].astype(np.float64).reshape(groups, -1, 4),
+            control=arrays["control"].astype(np.float64).reshape(groups, arrays["control"].shape[1], 4),
             shown=arrays["shown"].astype(np.float64).reshape(groups, 4),
             up=arrays["up"].astype(np.float64).reshape(3),
             labels=labels,
