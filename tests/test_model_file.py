@@ -17,6 +17,7 @@ from aa4d.errors import InputError
 from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
 from aa4d.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model
+from aa4d.motion.groups import Groups
 
 CONFIG = ModelConfig(offsets=3, plane_dim=4, spatial_resolutions=(5, 9), temporal_resolution=6)
 
@@ -248,3 +249,60 @@ def test_a_switch_that_disagrees_with_the_tensors_is_refused(toy_capture: Path, 
     rewrite_header(path, lambda h: h["config"].update(dacw="off"))
     with pytest.raises(InputError, match=r"config\.dacw is 'off'"):
         load_model(path)
+
+
+@pytest.fixture
+def riding_path(toy_capture: Path, tmp_path: Path) -> Path:
+    """Version 2: of seven anchors four ride on two groups."""
+    torch.manual_seed(0)
+    model = AdaAnchor4D(CONFIG, Anchors(torch.randn(7, 3), torch.randn(7, 6), 3, 32, 32))
+    shown = torch.tensor([[-2.0, -1, 2, 3], [0.1, 0.2, 0.6, 0.7]])
+    groups = Groups(("van", "bus"), torch.randn(2, 6, 4), torch.randn(2, 4), shown, torch.tensor([0.0, 0, 1]))
+    model.ride(groups, torch.tensor([-1, 0, 1, 1, -1, 0, -1]))
+    path = tmp_path / "riding" / "model.safetensors"
+    path.parent.mkdir()
+    return write_model(path, model, toy_capture)
+
+
+def test_groups_survive_the_round_trip_and_make_it_version_2(riding_path: Path, model_path: Path) -> None:
+    model = load_model(riding_path).model
+    assert model.groups is not None
+    assert model.groups.names == ("van", "bus")
+    assert model.anchors.group is not None
+    assert model.anchors.group.tolist() == [-1, 0, 1, 1, -1, 0, -1]
+    assert read_tensors(riding_path)[0]["version"] == 2
+    assert all(value.dtype == torch.float32 for value in load_file(str(riding_path)).values())
+    # A model that rides on nothing is one that older readers open.
+    assert read_tensors(model_path)[0]["version"] == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("anchors.group", torch.tensor([-1.0, 0, 1, 2, 0, 0, 0]), "names a group that is not there"),
+        ("anchors.group", torch.tensor([-1.0, 0, 0.5, 1, 0, 0, 0]), "names a group that is not there"),
+        ("groups.up", torch.zeros(3), "expected a unit vector"),
+        ("groups.shown", torch.tensor([[0.0, 0.2, 0.1, 1], [0, 0, 1, 1]]), "times that go back"),
+        ("groups.shown", torch.zeros(2, 3), "do not fit|times that go back"),
+        ("groups.position", torch.zeros(2, 3, 3), "with C of at least 4"),
+        ("groups.position", torch.zeros(3, 6, 3), r"expected \[2, C, 3\]"),
+        ("groups.heading", torch.full((2, 6), torch.nan), "holds NaN or infinity"),
+        ("groups.reference", None, "is missing"),
+    ],
+)
+def test_damaged_groups_are_refused(riding_path: Path, name: str, value: torch.Tensor | None, says: str) -> None:
+    header, tensors = read_tensors(riding_path)
+    if value is None:
+        del tensors[name]
+    else:
+        tensors[name] = value
+    save_file(tensors, str(riding_path), metadata={"aa4d": json.dumps(header)})
+    with pytest.raises(InputError, match=says):
+        load_model(riding_path)
+
+
+@pytest.mark.parametrize("groups", [None, 3, [{}], [{"name": 7}, {"name": "bus"}], "ab"])
+def test_group_names_that_are_none_are_refused(riding_path: Path, groups: Any) -> None:
+    rewrite_header(riding_path, lambda header: header.update(groups=groups))
+    with pytest.raises(InputError, match=r"model\.safetensors"):
+        load_model(riding_path)
