@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from aa4d.motion.bodies import (
+    BESIDE,
     DIFFERING,
+    LARGER,
     MISFIT_PX,
     Body,
     body_of,
@@ -82,7 +84,8 @@ def find_tracks(
     progress("tracks")
     labels = labelled(bodies, points, differs | moves)
     labels = without_shadows(observed, labels)
-    keep = [g for g in range(len(bodies)) if (labels == g + 1).any(axis=(1, 2)).sum() >= settings.fewest_frames]
+    alone = apart_from_larger(labels)
+    keep = [g for g in alone if (labels == g + 1).any(axis=(1, 2)).sum() >= settings.fewest_frames]
     return assembled(observed, ground, [bodies[g] for g in keep], _renumbered(labels, keep), differs, moves)
 
 
@@ -166,6 +169,24 @@ def without_shadows(observed: Observations, labels: NDArray[np.uint16]) -> NDArr
         shadow &= (dark < SHADE_MOST * total)[number]
         result[v][rows[shadow], columns[shadow]] = 0
     return result
+
+
+def apart_from_larger(labels: NDArray[np.uint16]) -> list[int]:
+    """Bodies, from 0, whose labels do not lie mostly beside far larger ones: those are their shadows and rims."""
+    count = int(labels.max())
+    near, total = np.zeros(count + 1), np.zeros(count + 1)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SHADOW_PX + 1,) * 2)
+    for label in labels:
+        size = np.bincount(label.ravel(), minlength=count + 1)
+        size[0] = 0
+        total += size
+        here = np.flatnonzero(size)
+        for g in here:
+            larger = here[size[here] >= LARGER * size[g]]
+            if len(larger):
+                around = cv2.dilate(np.isin(label, larger).astype(np.uint8), kernel) > 0
+                near[g] += (around & (label == g)).sum()
+    return [g - 1 for g in range(1, count + 1) if near[g] < BESIDE * total[g]]
 
 
 def _renumbered(labels: NDArray[np.uint16], keep: list[int]) -> NDArray[np.uint16]:
