@@ -224,6 +224,8 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
 def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Groups | None:
     """Blank ones of the file's shapes; None for a file without."""
     if header["version"] < 2:
+        if "anchors.group" in tensors:
+            raise InputError(f"{path}: version 1 knows no rigid groups, but the file holds some; train the model again")
         return None
     try:
         names = tuple(group["name"][:LONGEST_NAME] for group in header["groups"])

@@ -306,3 +306,9 @@ def test_group_names_that_are_none_are_refused(riding_path: Path, groups: Any) -
     rewrite_header(riding_path, lambda header: header.update(groups=groups))
     with pytest.raises(InputError, match=r"model\.safetensors"):
         load_model(riding_path)
+
+
+def test_groups_in_a_file_of_version_1_are_refused(riding_path: Path) -> None:
+    rewrite_header(riding_path, lambda header: header.update(version=1))
+    with pytest.raises(InputError, match="version 1 knows no rigid groups, but the file holds some"):
+        load_model(riding_path)

@@ -208,8 +208,10 @@ def object_tracks(capture: Capture) -> ObjectTracks | None:
     ):
         if value.shape != expected:
             raise InputError(f"{path}: {name} has shape {value.shape}, expected {expected}; make the capture again")
-    if not np.isfinite(poses).all():
-        raise InputError(f"{path}: object_to_world holds NaN or infinity; make the capture again")
+    if not all(is_rigid(pose, 1e-4) for pose in poses.reshape(-1, 4, 4)):
+        raise InputError(f"{path}: object_to_world holds what is no rigid motion; make the capture again")
+    if len(np.unique(ids)) < len(ids):
+        raise InputError(f"{path}: an instance_id stands twice; make the capture again")
     names = tuple(capture.instance_names.get(int(i), f"instance {i}") for i in ids)
     return ObjectTracks(names, ids, poses, moving, present)
 

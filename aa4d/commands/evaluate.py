@@ -87,14 +87,14 @@ def motion_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:
         rows.append(("motion, end-point error", px(metrics["motion_epe_px"]), px(metrics["motion_epe_px_static"])))
         rows.append(("motion, end-point error, median", px(metrics["motion_epe_px_median"]), ""))
     if metrics["travel_ratio"] is not None:
-        label = f"drawn travel / true travel ({metrics['travel_instances']} instances)"
+        label = f"drawn travel / true travel (instances: {metrics['travel_instances']})"
         rows.append((label, f"{100 * metrics['travel_ratio']:.0f} %", "0 %"))
     if metrics["groups"]:
         found = f"{metrics['groups_matched']} of {metrics['moving_instances']} moving instances"
         known = metrics["moving_instances"] is not None
         rows.append(("rigid groups", f"{metrics['groups']}" + (f", {found}" if known else ""), ""))
     if metrics["track_recall"] is not None:
-        wrong = f"{metrics['vehicles_missed']} vehicles missed, {metrics['tracks_false']} tracks false"
+        wrong = f"vehicles missed: {metrics['vehicles_missed']}, false tracks: {metrics['tracks_false']}"
         rows.append((f"vehicle-frames on a track ({wrong})", f"{100 * metrics['track_recall']:.0f} %", ""))
     if metrics["group_error_m"] is not None:
         rows.append(("error of their trajectories, median", f"{metrics['group_error_m']:.2f} m", ""))

@@ -59,6 +59,8 @@ def train(
     if not 0 <= seed < LARGEST_SEED:
         raise InputError(f"--seed {seed}: must be from 0 to {LARGEST_SEED - 1}")
     config = replace(PRESETS[preset], seed=seed, refine_poses=refine_poses)
+    if motion == "none" and tracks != "auto":
+        raise InputError(f"--tracks {tracks} belongs to --motion tracks; leave it out, or leave out --motion none")
     if motion == "tracks":
         config = replace(config, motion=MotionSettings(tracks=tracks))
     if iterations is not None:

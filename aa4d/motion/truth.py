@@ -18,7 +18,7 @@ SMOOTH = 1e-6  # of the summed squared second differences: settles control point
 
 
 def truth_tracks(capture: Capture, frames: list[int]) -> Tracks:
-    """Everything that travels in the clip of the clip, on its true trajectory at all instants, held-out ones too.
+    """Everything that travels while training frames show it, on its true trajectory at all instants, held-out ones too.
 
     Args:
         frames: the training frames, whose pixels are labeled.
@@ -33,7 +33,10 @@ def truth_tracks(capture: Capture, frames: list[int]) -> Tracks:
         )
     position = truth.object_to_world[:, :, :3, 3]
     step_m = np.where(truth.present[1:] & truth.present[:-1], np.linalg.norm(np.diff(position, axis=0), axis=-1), 0)
-    movers = np.flatnonzero(step_m.sum(axis=0) > SHORTEST_WAY_M)
+    instances = [instance_ids_of(capture, i) for i in frames]
+    seen = np.isin(truth.instance_id, np.unique(np.stack([ids for ids in instances if ids is not None])))
+    moves = (truth.moving & truth.present).any(axis=0)
+    movers = np.flatnonzero(seen & moves & (step_m.sum(axis=0) > SHORTEST_WAY_M))
     t = np.array([frame.t for frame in capture.frames])
     controls = controls_for(len(t), capture.fps, SEGMENT_S)
     poses = truth.object_to_world[:, movers]
@@ -46,9 +49,7 @@ def truth_tracks(capture: Capture, frames: list[int]) -> Tracks:
     ids = truth.instance_id[movers]
     labels = np.zeros((len(frames), capture.camera.height, capture.camera.width), np.uint16)
     moving = np.zeros(labels.shape, bool)
-    for row, index in enumerate(frames):
-        instance = instance_ids_of(capture, index)
-        assert instance is not None  # checked above
+    for row, instance in enumerate(instances):
         for m, i in enumerate(ids):
             labels[row][instance == i] = m + 1
         moving[row] = binary_dilation(labels[row] > 0, iterations=RIM_PX)

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from aa4d.anchors.canonical import Anchors, spacing
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Capture, boxes_of, read_images
+from aa4d.capture.reader import Boxes, Capture, boxes_of, read_images
 from aa4d.errors import InputError
 from aa4d.model import AdaAnchor4D
 from aa4d.motion.boxes import box_tracks
@@ -20,6 +20,7 @@ from aa4d.motion.groups import Groups
 from aa4d.motion.observations import Observations
 from aa4d.motion.seeding import seeds
 from aa4d.motion.tracks import Tracks
+from aa4d.motion.truth import truth_tracks
 
 FloatArray = NDArray[np.float32]
 
@@ -28,7 +29,7 @@ Finder = Callable[[Capture, Observations], Tracks]
 FINDERS: dict[str, Finder] = {
     "auto": lambda capture, observed: FINDERS["boxes" if _follows_several(capture) else "pictures"](capture, observed),
     "pictures": lambda _capture, observed: find_tracks(observed),
-    "boxes": lambda capture, observed: _from_boxes(capture, observed),
+    "boxes": lambda capture, observed: box_tracks(observed, _followed_boxes(capture)),
 }
 
 
@@ -44,6 +45,16 @@ def find(source: str, capture: Capture, static_color: FloatArray, static_depth_m
         InputError: boxes are asked for, and the capture has none that follow movers.
     """
     return FINDERS[source](capture, observations(capture, static_color, static_depth_m))
+
+
+def check_source(source: str, capture: Capture) -> None:
+    """Raises InputError where the capture lacks what tracks are to come from, before anything is trained."""
+    if source == "truth":
+        truth_tracks(capture, capture.of_split("train"))
+    elif source == "boxes":
+        _followed_boxes(capture)
+    else:
+        boxes_of(capture)
 
 
 def observations(capture: Capture, static_color: FloatArray, static_depth_m: FloatArray) -> Observations:
@@ -68,14 +79,14 @@ def _follows_several(capture: Capture) -> bool:
     return boxes is not None and len(np.unique(boxes.target[boxes.target >= 0])) > 1
 
 
-def _from_boxes(capture: Capture, observed: Observations) -> Tracks:
+def _followed_boxes(capture: Capture) -> Boxes:
     boxes = boxes_of(capture)
     if boxes is None or not (boxes.target >= 0).any():
         raise InputError(
             f"{capture.folder}: has no boxes that follow movers from frame to frame; use --tracks pictures, or make "
             "the capture with `aa4d capture --annotations`"
         )
-    return box_tracks(observed, boxes)
+    return boxes
 
 
 def make_groups(tracks: Tracks, frame: ModelFrame) -> Groups:

@@ -25,6 +25,13 @@ def check_folder(out: Path, settings: dict[str, Any]) -> None:
     found = read_json_object(path, "the settings of a training run")
     # Through JSON, so that tuples and lists compare alike.
     wanted = json.loads(json.dumps(settings))
+    rides, is_to_ride = (bool(s.get("training", {}).get("motion")) for s in (found, wanted))
+    if rides != is_to_ride:
+        names = {True: "--motion tracks", False: "--motion none"}
+        raise InputError(
+            f"{out}: holds a run of {names[rides]}, and {names[is_to_ride]} is asked for (see {path}); "
+            "choose a new folder with --out, or delete that one"
+        )
     for key in ("capture_fingerprint", "training", "model"):
         if found.get(key) != wanted[key]:
             difference = "capture" if key == "capture_fingerprint" else _difference(found.get(key), wanted[key], key)

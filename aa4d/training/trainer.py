@@ -38,10 +38,11 @@ from aa4d.training.growth import densify
 from aa4d.training.history import History
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
-from aa4d.training.riding import FloatArray, add_riders, find, membership_loss
+from aa4d.training.riding import FloatArray, add_riders, check_source, find, membership_loss
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
+RESTART = "delete the run and train again"
 # By stage, of what is drawn at random in it.
 STAGE_SEEDS = {"coarse": 0, "fine": 1, "clean": 2}
 
@@ -95,6 +96,8 @@ def train(
     model_config = model_config_of(capture, variant or {})
     settings = settings_of(capture, config, model_config)
     check_folder(out, settings)
+    if config.motion is not None:
+        check_source(config.motion.tracks, capture)
     # Every image is read here, so that bad input is refused before anything is written.
     run = Run(capture, out, config, model_config, chosen)
     with claimed(out, settings):
@@ -223,11 +226,20 @@ class Run:
         if motion is None:
             return
         if state.stage == "fine":
-            self.tracks = load_tracks(tracks_path(self.out))
+            self.tracks = self._own_tracks(tracks_path(self.out))
+            groups = () if state.model.groups is None else state.model.groups.names
+            if groups != self.tracks.names:
+                raise InputError(f"{tracks_path(self.out)}: is of another run than the checkpoint beside it; {RESTART}")
         elif state.stage == "clean":
-            self.tracks = load_tracks(movers_path(self.out))
+            self.tracks = self._own_tracks(movers_path(self.out))
         elif not motion.needs_static:
             self.tracks = truth_tracks(self.capture, self.capture.of_split("train"))
+
+    def _own_tracks(self, path: Path) -> Tracks:
+        tracks, c = load_tracks(path), self.capture.camera
+        if tracks.labels.shape != (len(self.views), c.height, c.width):
+            raise InputError(f"{path}: holds tracks of another capture; {RESTART}")
+        return tracks
 
     def _leave_static(self, state: TrainingState, say: Say) -> None:
         """From the coarse to the clean stage, where movers were found that it has not seen; else to the fine stage."""
@@ -238,13 +250,15 @@ class Run:
             self.tracks = find(motion.tracks, self.capture, *self.static_views(state.model))
             seconds = time.perf_counter() - started
             state.seconds += seconds
-            say(f"movers: {len(self.tracks)} tracks after the {state.stage} stage, in {seconds:.0f} s")
-            if state.stage == "coarse" and self.config.iterations("clean") and self.tracks.moving.any():
+            say(f"tracks of movers after the {state.stage} stage: {len(self.tracks)}, in {seconds:.0f} s")
+            if state.stage == "coarse" and self.config.iterations("clean") and len(self.tracks):
                 save_tracks(movers_path(self.out), self.tracks)
                 state.stage, state.iteration = "clean", 0
                 state.optimiser = make_optimiser(state.model, self.config.rates, "clean")
                 save_checkpoint(self.checkpoint_path, state)
                 return
+        if self.tracks is not None and not len(self.tracks):
+            say("no mover was found: no anchor rides")
         self._enter_fine(state)
 
     @torch.no_grad()

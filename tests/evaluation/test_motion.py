@@ -196,7 +196,7 @@ def test_scores_reach_the_file_the_table_and_a_picture(
     assert [row[0] for row in motion_rows(metrics)] == [
         "motion, end-point error",
         "motion, end-point error, median",
-        "drawn travel / true travel (1 instances)",
+        "drawn travel / true travel (instances: 1)",
         "rigid groups",
         "error of their trajectories, median",
     ]

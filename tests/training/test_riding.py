@@ -11,7 +11,7 @@ from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.model_file import load_model
-from aa4d.motion.tracks_file import tracks_path
+from aa4d.motion.tracks_file import load_tracks, save_tracks, tracks_path
 from aa4d.motion.truth import truth_tracks
 from aa4d.training.config import MotionSettings
 from aa4d.training.riding import membership_loss
@@ -109,3 +109,48 @@ def test_other_motion_settings_make_another_run(toy: Path, tmp_path: Path) -> No
     other = replace(RIDING, motion=MotionSettings(tracks="truth", voxel_px=3.0))
     with pytest.raises(InputError, match=r"another training.motion.voxel_px"):
         train(read_capture(toy), tmp_path / "run", other, silent)
+
+
+def test_another_runs_tracks_are_refused(toy: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    train(read_capture(toy), out, RIDING, silent)
+    (out / "model.safetensors").unlink()
+    own = load_tracks(tracks_path(out))
+    save_tracks(tracks_path(out), replace(own, names=("another",)))
+    with pytest.raises(InputError, match="is of another run than the checkpoint beside it"):
+        train(read_capture(toy), out, RIDING, silent)
+    save_tracks(tracks_path(out), replace(own, labels=own.labels[1:], moving=own.moving[1:]))
+    with pytest.raises(InputError, match="holds tracks of another capture"):
+        train(read_capture(toy), out, RIDING, silent)
+
+
+@pytest.mark.parametrize("source", ["truth", "boxes"])
+def test_a_capture_without_the_tracks_asked_for_is_refused_before_anything_is_written(
+    toy: Path, tmp_path: Path, source: str
+) -> None:
+    capture = replace(read_capture(toy), tracks=None)
+    with pytest.raises(InputError, match="use --tracks pictures"):
+        train(capture, tmp_path / "run", replace(RIDING, motion=MotionSettings(tracks=source)), silent)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_run_of_the_other_kind_is_refused_in_the_commands_own_words(toy: Path, tmp_path: Path) -> None:
+    train(read_capture(toy), tmp_path / "run", RIDING, silent)
+    with pytest.raises(InputError, match="holds a run of --motion tracks, and --motion none is asked for"):
+        train(read_capture(toy), tmp_path / "run", SHORT, silent)
+
+
+def test_true_movers_that_no_training_frame_shows_do_not_ride(toy: Path) -> None:
+    capture = read_capture(toy)
+    with np.load(toy / "truth/tracks.npz") as file:
+        arrays = dict(file)
+    kept = (toy / "truth/tracks.npz").read_bytes()
+    try:
+        for changed in ({"instance_id": np.array([9], np.uint32)}, {"moving": np.zeros_like(arrays["moving"])}):
+            np.savez(toy / "truth/tracks.npz", **(arrays | changed))
+            assert len(truth_tracks(capture, capture.of_split("train"))) == 0
+        np.savez(toy / "truth/tracks.npz", **(arrays | {"object_to_world": 3 * arrays["object_to_world"]}))
+        with pytest.raises(InputError, match="what is no rigid motion"):
+            truth_tracks(capture, capture.of_split("train"))
+    finally:
+        (toy / "truth/tracks.npz").write_bytes(kept)
