@@ -82,7 +82,7 @@ class Metrics:
     psnr_activity: dict[str, float]  # by activity class, errors pooled over the frames; empty without truth
     psnr_activity_static: dict[str, float]  # likewise, the coarse stage
     activity_share: dict[str, float]  # of the pixels with activity truth
-    track_recall: float | None  # of vehicle-frames, by the tracks that the run found; None without tracks or truth
+    track_recall: float | None  # share of vehicle-frames on the tracks that the run found; None without tracks or truth
     tracks_false: int | None  # of the run's tracks, those that follow nothing that moves
     vehicles_missed: int | None
     motion: MotionScores  # its keys stand beside these in the file

@@ -88,7 +88,7 @@ class MotionSettings:
 
     tracks: str = "auto"  # where they come from: a name in aa4d/training/riding.py, or "truth"
     clean_iterations: int = 400  # [chosen] of the static stage, once more without what seems to move
-    voxel_px: float = 2.0  # [swept] edge of a rider's finest voxel, in pixels at unit depth
+    voxel_px: float = 2.0  # [chosen] edge of a rider's finest voxel, in pixels at unit depth
     learn_from: float = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
     farthest_px: float = 6.0  # [chosen] that a control point may move from where it was found
     largest_turn: float = 0.35  # [chosen] radians, likewise
