@@ -10,7 +10,6 @@ from aa4d.motion.observations import Observations
 
 BLUR_PX = 0.8
 HIGH, LOW = 0.08, 0.05  # of [0, 1]: a region needs a pixel above the first and spreads above the second
-NOISE = 6.0  # times a frame's usual residual: poor poses and grain raise both thresholds
 USUAL = 0.0125  # the residual at which thresholds begin to rise
 
 Floats = NDArray[np.float32]
