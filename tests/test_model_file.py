@@ -14,9 +14,9 @@ from aa4d.anchors.canonical import Anchors
 from aa4d.capture.frame import frame_of
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
-from aa4d.field.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
 from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
-from aa4d.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model
+from aa4d.methods.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model
 from aa4d.motion.groups import Groups
 
 CONFIG = ModelConfig(offsets=3, plane_dim=4, spatial_resolutions=(5, 9), temporal_resolution=6)

@@ -10,7 +10,7 @@ from addon.field import anchor_positions, anchor_state, local_gaussians, prepare
 from addon.model import read_model
 
 torch = pytest.importorskip("torch")
-model_file = pytest.importorskip("aa4d.model_file")
+model_file = pytest.importorskip("aa4d.methods.model_file")
 
 
 @pytest.mark.parametrize("t", [0.0, 0.25, 0.37, 0.5, 0.7625, 1.0])
@@ -67,7 +67,7 @@ def test_numpy_agrees_with_torch(t: float, up: tuple[float, float, float] | None
     with torch.no_grad():
         torch_model = model_file.load_model(path).model
         expected = torch_model.gaussians(t, Camera(viewmat, torch.eye(3), 1, 1))
-        anchors = torch_model.centres(t).numpy()
+        anchors = torch_model.centers(t).numpy()
     extent = np.ptp(tensors["anchors.position"], axis=0).max()
     np.testing.assert_allclose(anchor_positions(prepare(numpy_model), t), anchors, atol=1e-5)
     assert np.abs(now.positions - tensors["anchors.position"]).max() > 0.01 * extent

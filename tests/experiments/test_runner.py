@@ -15,7 +15,7 @@ import pytest
 from aa4d.errors import InputError
 from aa4d.experiments.runner import run_experiment, trials_of
 from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
-from aa4d.field.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
 from aa4d.model import ModelConfig
 from aa4d.training.config import PRESETS, with_iterations
 from tests.training.short_run import SHORT

@@ -25,7 +25,7 @@ from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
 from aa4d.export.usd_points import linear
 from aa4d.filming.camera_path import View, path_of_frames, resampled, with_time
 from aa4d.filming.layers import draw
-from aa4d.model_file import LoadedModel, load_model, save_model
+from aa4d.methods.model_file import LoadedModel, load_model, save_model
 from aa4d.motion.tracks import ALWAYS
 from aa4d.raster import rasterize
 from aa4d.raster.types import Camera, Gaussians

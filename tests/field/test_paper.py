@@ -8,7 +8,7 @@ import torch
 
 from aa4d.anchors.canonical import Anchors
 from aa4d.field.mlp import TwoLayer
-from aa4d.field.warping import density_adaptive_boundaries
+from aa4d.methods.adaanchor4d.warping import density_adaptive_boundaries
 from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.raster.types import Camera, Gaussians
 

@@ -18,7 +18,7 @@ from aa4d.inspection.page import inspect
 from aa4d.inspection.trajectories import FARTHEST_ANCHORS, trajectories
 from aa4d.inspection.warp import stretch
 from aa4d.inspection.weights import spatiotemporal, summary, weights_over_time
-from aa4d.model_file import LoadedModel, load_model, save_model
+from aa4d.methods.model_file import LoadedModel, load_model, save_model
 from aa4d.motion.tracks import ALWAYS
 from tests.toy_capture import square_centre
 from tests.toy_riders import ride

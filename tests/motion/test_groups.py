@@ -12,7 +12,7 @@ from aa4d.model import AdaAnchor4D, ModelConfig
 from aa4d.motion.groups import Groups, Pose, carry, pose_of
 from aa4d.motion.tracks import ALWAYS
 from aa4d.raster.types import Camera, Gaussians
-from aa4d.rendering import render
+from aa4d.methods.rendering import render
 
 UP = torch.nn.functional.normalize(torch.tensor([0.2, -0.3, 1.0], dtype=torch.float64), dim=0)
 HEADINGS = torch.tensor([2.5, -0.7, 9.0, 0.0], dtype=torch.float64)
@@ -141,7 +141,7 @@ def test_what_rides_is_drawn_where_its_trajectory_is() -> None:
         assert model.groups is not None
         expected = model.groups.pose(t).position[0]
         torch.testing.assert_close(drawn.means[2:], expected.expand(2, 3) + model.anchors.offset[1])
-        torch.testing.assert_close(model.centres(t)[1], expected)
+        torch.testing.assert_close(model.centers(t)[1], expected)
 
 
 def test_a_ride_does_not_change_how_a_mover_looks_from_its_own_side() -> None:

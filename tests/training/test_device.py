@@ -17,9 +17,9 @@ from aa4d.capture.reader import read_capture
 from aa4d.device import choose_device
 from aa4d.errors import InputError
 from aa4d.evaluation.views import view_of_frame
-from aa4d.field.warping import density_adaptive_boundaries
+from aa4d.methods.adaanchor4d.warping import density_adaptive_boundaries
 from aa4d.model import ModelConfig
-from aa4d.model_file import load_model
+from aa4d.methods.model_file import load_model
 from aa4d.raster.types import Camera, Gaussians, Rendering
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.trainer import Run, train

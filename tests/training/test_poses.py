@@ -13,7 +13,7 @@ from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import Interrupted
 from aa4d.model import ModelConfig
-from aa4d.model_file import load_model
+from aa4d.methods.model_file import load_model
 from aa4d.raster.types import Camera
 from aa4d.training.config import PRESETS, Decay, Densification, TrainingConfig
 from aa4d.training.poses import (

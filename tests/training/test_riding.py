@@ -10,7 +10,7 @@ import torch
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.model_file import load_model
+from aa4d.methods.model_file import load_model
 from aa4d.motion.tracks_file import load_tracks, save_tracks, tracks_path
 from aa4d.motion.truth import truth_tracks
 from aa4d.training.config import MotionSettings

@@ -14,7 +14,7 @@ from PIL import Image
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.model_file import load_model
+from aa4d.methods.model_file import load_model
 from aa4d.training.trainer import train
 from tests.toy_capture import write_toy_capture
 from tests.training.short_run import SHORT
