@@ -97,7 +97,7 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     header, tensors = read_tensors(path)
     method = _method(header, path)
     if not isinstance(header.get("config"), dict):
-        raise InputError(f"{path}: the header has no config; train the model again")
+        raise InputError(f"{path}: the header's config is wrong (no object); train the model again")
     model = method.blank_of_file(header["config"], tensors, path)
     if (groups := _groups(header, tensors, path)) is not None:
         if not isinstance(model, AnchorModel):

@@ -17,7 +17,8 @@ model_file = pytest.importorskip("aa4d.methods.model_file")
 @pytest.mark.parametrize("up", [None, (0.0, 0.0, 1.0), (0.3, -0.5, 0.7)])  # None: no groups
 def test_numpy_agrees_with_torch(t: float, up: tuple[float, float, float] | None, tmp_path: Path) -> None:
     from aa4d.anchors.canonical import Anchors
-    from aa4d.model import AdaAnchor4D, ModelConfig
+    from aa4d.methods.adaanchor4d.model import AdaAnchor4D
+    from aa4d.methods.adaanchor4d.settings import ModelConfig
     from aa4d.raster.types import Camera
 
     config = ModelConfig(

@@ -185,7 +185,7 @@ def test_scores_reach_the_file_the_table_and_a_picture(
     run = tmp_path / "run"
     run.mkdir()
     save_model(
-        run / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
+        run / "model.safetensors", loaded.method, loaded.model, is_static=False, capture=capture, frame=loaded.frame,
         background=loaded.background, training={"seconds": 1.0, "capture_fingerprint": capture.fingerprint},
     )  # fmt: skip
     steps: list[tuple[int, int]] = []

@@ -240,8 +240,8 @@ def test_usd_tells_the_groups_apart_and_how_fast_they_go(toy_run: Path, tmp_path
     loaded = riding(toy_run)
     capture = read_capture(toy_run.parent / "capture")
     save_model(
-        tmp_path / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
-        background=loaded.background, training={"seconds": 1.0},
+        tmp_path / "model.safetensors", loaded.method, loaded.model, is_static=False, capture=capture,
+        frame=loaded.frame, background=loaded.background, training={"seconds": 1.0},
     )  # fmt: skip
     stage = usd_of(tmp_path, tmp_path / "out")
     assert stage["names"] == ["car 0", "car 1"]

@@ -49,7 +49,7 @@ def test_the_fine_stage_learns_what_moves(trained: tuple[Path, Path]) -> None:
     written = json.loads((run / "metrics.json").read_text())
     assert written["psnr"] == metrics.psnr
     assert metrics.neural_mib * 2**20 == 4 * sum(
-        p.numel() for p in load_model(run / "model.safetensors").model.networks_and_planes()
+        p.numel() for p in load_model(run / "model.safetensors").model.shared_tensors()
     )
     picture = np.asarray(Image.open(run / "eval/000008.png"))
     assert picture.shape == (32, 48, 3)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
-from aa4d.anchors.densification import Statistics, grow, transparent
+from aa4d.anchors.canonical import Anchors
+from aa4d.anchors.densification import Growth, Statistics, grow, transparent
 from aa4d.methods.adaanchor4d.settings import Densification
 from aa4d.methods.anchor_model import AnchorModel
 from aa4d.methods.contract import UnitEdit
@@ -22,9 +24,6 @@ def grow_and_prune(
     generator: torch.Generator,
 ) -> UnitEdit:
     """Transparent anchors go, and anchors come where local Gaussians have large gradients.
-
-    A grown anchor has its parent's feature and embeddings, no offsets, and the voxel's edge as its scales.
-    Gaussians' scales are bounded at this occasion.
 
     Args:
         voxel: edge of the finest voxel, model frame; `group_voxel`: likewise, of anchors that belong to a group.
@@ -47,17 +46,19 @@ def grow_and_prune(
         group_voxel=group_voxel,
     )
     statistics.forget_judged(min_seen=seen, min_drawn=0.5 * seen)
-    with torch.no_grad():
-        anchors.log_scale[:, 3:].clamp_(max=LARGEST_LOG_SCALE)
+    return edit_of(anchors, keep, growth)
+
+
+@torch.no_grad()
+def edit_of(anchors: Anchors, keep: Tensor, growth: Growth) -> UnitEdit:
+    """Drop the anchors outside `keep` [N] bool, and add the grown ones.
+
+    A grown anchor has its parent's feature and embeddings, no offsets, and the voxel's edge as its scales.
+    Gaussians' scales are bounded at this occasion.
+    """
+    anchors.log_scale[:, 3:].clamp_(max=LARGEST_LOG_SCALE)
     log_scale = growth.voxel.log()[:, None].repeat(1, 6)
     log_scale[:, 3:].clamp_(max=LARGEST_LOG_SCALE)
-    new = len(growth.parent)
-    return UnitEdit(
-        keep.nonzero()[:, 0],
-        growth.parent,
-        {
-            "anchors.position": growth.position,
-            "anchors.offset": anchors.offset.new_zeros(new, *anchors.offset.shape[1:]),
-            "anchors.log_scale": log_scale,
-        },
-    )
+    offset = anchors.offset.new_zeros(len(growth.parent), *anchors.offset.shape[1:])
+    values = {"anchors.position": growth.position, "anchors.offset": offset, "anchors.log_scale": log_scale}
+    return UnitEdit(keep.nonzero()[:, 0], growth.parent, values)
