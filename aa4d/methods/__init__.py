@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 # The folder of each, by its name; imported on first use, so that the command line starts without torch.
 METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
+    "fourdgs": "aa4d.methods.fourdgs",
 }
 DEFAULT = "adaanchor4d"
 

@@ -74,6 +74,9 @@ class Method(ABC, Generic[Settings]):
     def enter(self, stage: Stage, model: SceneModel, settings: Settings) -> None:
         """Whatever a stage needs before its first iteration; it happens once, before the checkpoint that starts it."""
 
+    def begin_step(self, stage: Stage, iteration: int, model: SceneModel, settings: Settings) -> None:
+        """What changes by itself as training goes on; before iteration `iteration` of the stage, from 0."""
+
     @abstractmethod
     def image_loss(self, rendered: Rendered, target: Tensor, settings: Settings) -> tuple[Tensor, Tensor]:
         """The loss of one view, and its mean squared error. target [H, W, 3]."""

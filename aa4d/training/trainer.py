@@ -218,6 +218,7 @@ class Run:
         stage, model, optimiser, movers = self.schedule[state.stage], state.model, state.optimiser, self.movers
         resting = movers.resting(state.iteration, self.settings.fine_iterations) if movers is not None else ()
         set_rates(optimiser, state.iteration / max(stage.iterations - 1, 1), resting)
+        self.method.begin_step(stage, state.iteration, model, self.settings)
         drawn, losses, squared_errors = [], [], []
         for index in self._view_indices(stage, state.iteration):
             rendered, loss, squared_error = self._view_loss(state, stage, index)

@@ -11,6 +11,7 @@ from addon.model import read_model
 
 torch = pytest.importorskip("torch")
 model_file = pytest.importorskip("aa4d.methods.model_file")
+files = pytest.importorskip("aa4d.methods.adaanchor4d.files")
 
 
 @pytest.mark.parametrize("t", [0.0, 0.25, 0.37, 0.5, 0.7625, 1.0])
@@ -52,7 +53,7 @@ def test_numpy_agrees_with_torch(t: float, up: tuple[float, float, float] | None
     sizes = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "bins")
     information["config"].update({name: getattr(config, name) for name in sizes})
     tensors = {
-        model_file.file_name_of(name): model_file.as_in_file(name, value).contiguous().numpy()
+        files.file_name_of(name): files.as_in_file(name, value).contiguous().numpy()
         for name, value in state.items()
     }
     if up is not None:
