@@ -26,7 +26,7 @@ from aa4d.methods.adaanchor4d.model import AdaAnchor4D
 from aa4d.methods.adaanchor4d.settings import PRESETS
 from aa4d.methods.rendering import render
 from aa4d.training.checkpoints import TrainingState
-from aa4d.training.clip import clip_of
+from aa4d.training.frames import training_frames
 from aa4d.training.trainer import Run
 
 FRAMES = 16
@@ -129,9 +129,9 @@ def measure(workload: Workload, seconds: float) -> Row:
 
         def draw() -> None:
             state.iteration += 1
-            view = run.clip.views[state.iteration % len(run.clip.views)]
+            view = run.frames.views[state.iteration % len(run.frames.views)]
             with torch.no_grad():
-                render(state.model, view.t, view.camera, run.clip.background)
+                render(state.model, view.t, view.camera, run.frames.background)
 
         iteration_seconds = _median_seconds(iterate, seconds)
         peak = _peak_mib()
@@ -162,7 +162,7 @@ def _prepare(workload: Workload, folder: Path) -> tuple[Run, TrainingState]:
     settings = replace(PRESETS["paper"], voxel_px=0.5 * spacing_px)  # every point becomes an anchor
     capture = _capture(workload, spacing_px, folder)
     settings = method_of(settings.method).resolved(settings, len(capture.frames))
-    run = Run(clip_of(capture, torch.device("cpu")), folder, settings)
+    run = Run(training_frames(capture, torch.device("cpu")), folder, settings)
     state = run.initial_state()
     run.enter(state, run.schedule.first_moving)
     assert isinstance(state.model, AdaAnchor4D)

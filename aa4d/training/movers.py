@@ -18,7 +18,7 @@ from aa4d.methods.settings import AnchorSettings, MotionSettings, RunSettings
 from aa4d.motion.tracks import Tracks
 from aa4d.motion.tracks_file import load_tracks, movers_path, save_tracks, tracks_path
 from aa4d.motion.truth import truth_tracks
-from aa4d.training.clip import Clip
+from aa4d.training.frames import TrainingFrames
 from aa4d.training.riding import FloatArray, add_riders, find, membership_loss
 
 RESTART = "delete the run and train again"
@@ -27,10 +27,10 @@ RESTART = "delete the run and train again"
 class Movers:
     """Of one run with motion."""
 
-    def __init__(self, settings: MotionSettings, clip: Clip, out: Path) -> None:
+    def __init__(self, settings: MotionSettings, frames: TrainingFrames, out: Path) -> None:
         self.settings = settings
         self.tracks: Tracks | None = None  # once they are known
-        self._clip = clip
+        self._frames = frames
         self._out = out
 
     def know(self, model: SceneModel, *, moving: bool, clean: bool) -> None:
@@ -43,19 +43,19 @@ class Movers:
         elif clean:
             self.tracks = self._own(movers_path(self._out))
         elif not self.settings.needs_static:
-            capture = self._clip.capture
+            capture = self._frames.capture
             self.tracks = truth_tracks(capture, capture.of_split("train"))
 
     def _own(self, path: Path) -> Tracks:
-        tracks, c = load_tracks(path), self._clip.capture.camera
-        if tracks.labels.shape != (len(self._clip.views), c.height, c.width):
+        tracks, c = load_tracks(path), self._frames.capture.camera
+        if tracks.labels.shape != (len(self._frames.views), c.height, c.width):
             raise InputError(f"{path}: holds tracks of another capture; {RESTART}")
         return tracks
 
     def look(self, model: SceneModel, stage: str, say: Callable[[str], None]) -> float:
         """Find them against the static scene; returns the seconds it took."""
         started = time.perf_counter()
-        self.tracks = find(self.settings.tracks, self._clip.capture, *static_views(model, self._clip))
+        self.tracks = find(self.settings.tracks, self._frames.capture, *static_views(model, self._frames))
         seconds = time.perf_counter() - started
         say(f"tracks of movers after the {stage} stage: {len(self.tracks)}, in {seconds:.0f} s")
         return seconds
@@ -74,13 +74,13 @@ class Movers:
         save_tracks(tracks_path(self._out), self.tracks)
         if len(self.tracks):
             torch.manual_seed(settings.seed)
-            voxel = self.settings.voxel_px * self._clip.pixel
-            add_riders(model, self._clip.capture, self.tracks, self._clip.frame, voxel, settings.embedding_std)
+            voxel = self.settings.voxel_px * self._frames.pixel
+            add_riders(model, self._frames.capture, self.tracks, self._frames.frame, voxel, settings.embedding_std)
 
     def moving(self, index: int) -> Tensor:
         """[H, W] bool: pixels of a view that may show a mover."""
         assert self.tracks is not None
-        return torch.from_numpy(self.tracks.moving[index]).to(self._clip.device)
+        return torch.from_numpy(self.tracks.moving[index]).to(self._frames.device)
 
     def membership(self, model: SceneModel) -> Tensor | None:
         """[N, 1] what is drawn to compare riders with the movers' masks: 1 for a unit that rides."""
@@ -93,7 +93,7 @@ class Movers:
         share = rendered.rendering.features
         if share is None or self.tracks is None:
             return None
-        labels = torch.from_numpy(self.tracks.labels[index] > 0).to(self._clip.device)
+        labels = torch.from_numpy(self.tracks.labels[index] > 0).to(self._frames.device)
         return self.settings.membership * membership_loss(share[..., 0], labels, self.moving(index))
 
     def resting(self, iteration: int, total: int) -> tuple[str, ...]:
@@ -102,16 +102,16 @@ class Movers:
 
     def bound(self, model: SceneModel) -> None:
         if model.groups is not None:
-            model.groups.bound(self.settings.farthest_px * self._clip.pixel, self.settings.largest_turn)
+            model.groups.bound(self.settings.farthest_px * self._frames.pixel, self.settings.largest_turn)
 
 
 @torch.no_grad()
-def static_views(model: SceneModel, clip: Clip) -> tuple[FloatArray, FloatArray]:
+def static_views(model: SceneModel, frames: TrainingFrames) -> tuple[FloatArray, FloatArray]:
     """What the static scene shows in place of the training frames: color [V, H, W, 3], depth_z in world units."""
     color, depth = [], []
-    for view in clip.views:
-        rendering = render(model, None, view.camera, clip.background, outputs=["depth"]).rendering
+    for view in frames.views:
+        rendering = render(model, None, view.camera, frames.background, outputs=["depth"]).rendering
         assert rendering.depth is not None
         color.append(rendering.color.clamp(0, 1).cpu().numpy())
-        depth.append(rendering.depth.cpu().numpy() * np.float32(clip.frame.unit_m))
+        depth.append(rendering.depth.cpu().numpy() * np.float32(frames.frame.unit_m))
     return np.stack(color), np.stack(depth)

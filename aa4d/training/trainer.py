@@ -25,7 +25,7 @@ from aa4d.methods.model_file import save_model
 from aa4d.methods.rendering import Rendered, render
 from aa4d.methods.settings import RunSettings
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
-from aa4d.training.clip import Clip, View, clip_of
+from aa4d.training.frames import TrainingFrames, View, training_frames
 from aa4d.training.history import History
 from aa4d.training.movers import Movers
 from aa4d.training.optimiser import edit_units, make_optimiser, set_rates
@@ -71,7 +71,7 @@ def train(
     if settings.motion is not None:
         check_source(settings.motion.tracks, capture)
     # Every image is read here, so that bad input is refused before anything is written.
-    run = Run(clip_of(capture, chosen), out, settings)
+    run = Run(training_frames(capture, chosen), out, settings)
     with claimed(out, description):
         state = run.last_good_state()
         if run.is_finished(state):
@@ -107,36 +107,36 @@ def description_of(capture: Capture, settings: RunSettings) -> dict[str, Any]:
 class Run:
     """One training run: what stays fixed over it, and the loop."""
 
-    def __init__(self, clip: Clip, out: Path, settings: RunSettings) -> None:
+    def __init__(self, frames: TrainingFrames, out: Path, settings: RunSettings) -> None:
         """`settings` are resolved (`Method.resolved`)."""
-        self.clip = clip
+        self.frames = frames
         self.out = out
         self.settings = settings
         self.method = method_of(settings.method)
         self.schedule: Schedule = schedule_of(settings)
-        self.movers = None if settings.motion is None else Movers(settings.motion, clip, out)
+        self.movers = None if settings.motion is None else Movers(settings.motion, frames, out)
         self.model_path = out / "model.safetensors"
         self.checkpoint_path = out / "checkpoint.safetensors"
 
     def initial_state(self) -> TrainingState:
         # Drawn on the CPU, whatever the device.
-        model = self.method.initial(self.settings, self.clip.beginning()).to(self.clip.device)
+        model = self.method.initial(self.settings, self.frames.beginning()).to(self.frames.device)
         first = self.schedule.stages[0]
         optimiser = make_optimiser(model, self.settings.rates, canonical=first.canonical)
-        statistics = Statistics.zeros(len(model), model.per_unit, self.clip.device)
+        statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
         return TrainingState(first.name, 0, 0.0, model, optimiser, statistics, self._poses())
 
     def _poses(self) -> PoseRefinement | None:
         """The given poses as a start, where they are learned."""
         if not self.settings.refine_poses:
             return None
-        return PoseRefinement([view.camera for view in self.clip.views], self.settings.rates.poses)
+        return PoseRefinement([view.camera for view in self.frames.views], self.settings.rates.poses)
 
     def last_good_state(self) -> TrainingState:
         """That of the checkpoint, or the initial one where there is none."""
         if not self.checkpoint_path.exists():
             return self.initial_state()
-        return load_checkpoint(self.checkpoint_path, self.settings, self.clip.device, self._poses())
+        return load_checkpoint(self.checkpoint_path, self.settings, self.frames.device, self._poses())
 
     def is_finished(self, state: TrainingState) -> bool:
         last = self.schedule.stages[-1]
@@ -187,7 +187,7 @@ class Run:
                 self.movers.ride(model, self.settings, say)
         state.stage, state.iteration = stage.name, 0
         state.optimiser = make_optimiser(model, self.settings.rates, canonical=stage.canonical)
-        state.statistics = Statistics.zeros(len(model), model.per_unit, self.clip.device)
+        state.statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
         save_checkpoint(self.checkpoint_path, state)
 
     def _stage(self, state: TrainingState, progress: Progress, history: History, stop_requested: StopRequest) -> None:
@@ -240,7 +240,7 @@ class Run:
             movers.bound(model)
         if (poses := state.poses) is not None:
             poses.step(self.steps(state) / self.schedule.total)
-            if (state.iteration + 1) % len(self.clip.views) == 0:
+            if (state.iteration + 1) % len(self.frames.views) == 0:
                 poses.fix_gauge()
         if watch:
             watch(optimiser, "a parameter")
@@ -250,7 +250,7 @@ class Run:
 
     def _view_loss(self, state: TrainingState, stage: Stage, index: int) -> tuple[Rendered, Tensor, Tensor]:
         """What is drawn of a view, its loss, and the squared error of the image."""
-        view, movers = self.clip.views[index], self.movers
+        view, movers = self.frames.views[index], self.movers
         if state.poses is not None:
             view = dataclasses.replace(view, camera=state.poses.camera(index, view.camera))
         rendered = self._render(state, view)
@@ -276,20 +276,20 @@ class Run:
         # The stage and the iteration make the random choices, so that a checkpoint keeps none.
         seed = int(np.random.SeedSequence([settings.seed, stage.draws, done]).generate_state(1)[0])
         generator = torch.Generator().manual_seed(seed)
-        edit = self.method.edit(state.model, state.statistics, settings, self.clip.pixel, generator)
+        edit = self.method.edit(state.model, state.statistics, settings, self.frames.pixel, generator)
         state.statistics = edit_units(state.model, state.optimiser, state.statistics, edit)
 
     def _render(self, state: TrainingState, view: View) -> Rendered:
         try:
             t = None if self.schedule[state.stage].canonical else view.t
             features = None if self.movers is None else self.movers.membership(state.model)
-            return render(state.model, t, view.camera, self.clip.background, unit_features=features)
+            return render(state.model, t, view.camera, self.frames.background, unit_features=features)
         except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
             raise NotFinite(f"what it draws ({error})") from None
 
     def _view_indices(self, stage: Stage, iteration: int) -> list[int]:
         """The views of a step: every view once an epoch, in an order drawn from (seed, stage, epoch)."""
-        count, chosen = len(self.clip.views), []
+        count, chosen = len(self.frames.views), []
         for number in range(iteration * stage.views_per_step, (iteration + 1) * stage.views_per_step):
             epoch, position = divmod(number, count)
             order = np.random.default_rng([self.settings.seed, stage.draws, epoch]).permutation(count)
@@ -308,13 +308,13 @@ class Run:
         image = target = None
         if history.wants_images:
             with torch.no_grad():
-                view = self.clip.views[0]
+                view = self.frames.views[0]
                 image, target = self._render(state, view).rendering.color, view.target()
         history.write(self.steps(state), image, target)
         save_checkpoint(self.checkpoint_path, state)
 
     def _save_model(self, state: TrainingState, path: Path) -> None:
-        capture = self.clip.capture
+        capture = self.frames.capture
         training: dict[str, Any] = {
             "preset": self.settings.preset,
             "seed": self.settings.seed,
@@ -324,14 +324,14 @@ class Run:
         }
         if (poses := state.poses) is not None:
             training["refined_poses"] = True
-        red, green, blue = (float(c) for c in self.clip.background)
+        red, green, blue = (float(c) for c in self.frames.background)
         save_model(
             path,
             self.method.name,
             state.model,
             is_static=self.schedule[state.stage].canonical,
-            capture=capture if poses is None else refined(capture, self.clip.frame, poses.values()),
-            frame=self.clip.frame,
+            capture=capture if poses is None else refined(capture, self.frames.frame, poses.values()),
+            frame=self.frames.frame,
             background=(red, green, blue),
             training=training,
         )

@@ -53,8 +53,7 @@ def test_numpy_agrees_with_torch(t: float, up: tuple[float, float, float] | None
     sizes = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "bins")
     information["config"].update({name: getattr(config, name) for name in sizes})
     tensors = {
-        files.file_name_of(name): files.as_in_file(name, value).contiguous().numpy()
-        for name, value in state.items()
+        files.file_name_of(name): files.as_in_file(name, value).contiguous().numpy() for name, value in state.items()
     }
     if up is not None:
         add_groups(tensors, information, 3, up, np.random.default_rng(2))

@@ -20,7 +20,7 @@ from aa4d.methods.adaanchor4d.settings import ModelConfig
 from aa4d.methods.adaanchor4d.warping import density_adaptive_boundaries
 from aa4d.methods.model_file import load_model
 from aa4d.raster.types import Camera, Gaussians, Rendering
-from aa4d.training.clip import clip_of
+from aa4d.training.frames import training_frames
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.trainer import Run, train
 from tests.training.short_run import SHORT
@@ -60,7 +60,7 @@ def test_what_a_training_step_computes_mixes_no_devices(
     capture = read_capture(toy_capture)
     with FakeTensorMode(allow_non_fake_inputs=True):
         settings = replace(SHORT, model=ModelConfig(spatial_resolutions=(4,), temporal_resolution=4))
-        run = Run(clip_of(capture, OTHER), tmp_path, settings)
+        run = Run(training_frames(capture, OTHER), tmp_path, settings)
         state = run.initial_state()
         state.stage = stage
         state.optimiser = make_optimiser(state.model, SHORT.rates, canonical=stage == "coarse")

@@ -16,7 +16,7 @@ from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings, Dens
 from aa4d.methods.model_file import load_model
 from aa4d.methods.settings import Decay
 from aa4d.raster.types import Camera
-from aa4d.training.clip import clip_of
+from aa4d.training.frames import training_frames
 from aa4d.training.poses import (
     PoseRefinement,
     cross_matrix,
@@ -207,7 +207,7 @@ def test_noisy_cameras_come_nearer_to_the_truth(toy_capture: Path, tmp_path: Pat
 def test_off_by_default_and_without_a_trace(toy_capture: Path, tmp_path: Path) -> None:
     config = replace(LEARNING, refine_poses=False, coarse_iterations=3, fine_iterations=3)
     config = replace(config, model=replace(config.model, temporal_resolution=4))
-    run = Run(clip_of(read_capture(toy_capture), torch.device("cpu")), tmp_path / "run", config)
+    run = Run(training_frames(read_capture(toy_capture), torch.device("cpu")), tmp_path / "run", config)
     assert run.initial_state().poses is None
     assert not AdaAnchor4DSettings(preset="x", coarse_iterations=1, fine_iterations=1).refine_poses
 

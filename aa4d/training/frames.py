@@ -26,7 +26,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Clip:
+class TrainingFrames:
     capture: Capture
     frame: ModelFrame
     views: tuple[View, ...]
@@ -40,7 +40,7 @@ class Clip:
         return Beginning(self.frame.to_model(c.points), c.point_colors, len(c.frames), self.pixel)
 
 
-def clip_of(capture: Capture, device: torch.device) -> Clip:
+def training_frames(capture: Capture, device: torch.device) -> TrainingFrames:
     """Every training frame is read here. Raises InputError for one that cannot be."""
     frame, c = frame_of(capture), capture.camera
     indices = capture.of_split("train")
@@ -54,4 +54,4 @@ def clip_of(capture: Capture, device: torch.device) -> Clip:
         for i, image in zip(indices, images, strict=True)
     )
     background = (images.float().mean(dim=(0, 1, 2)) / 255).to(device)
-    return Clip(capture, frame, views, background, 1 / float(c.K[0, 0]), device)
+    return TrainingFrames(capture, frame, views, background, 1 / float(c.K[0, 0]), device)
