@@ -114,7 +114,7 @@ def world_gaussians(loaded: LoadedModel, t: float, eye_m: Array) -> WorldGaussia
         quaternions=np.where(quaternions[:, :1] < 0, -quaternions, quaternions),
         scales=decoded.scales.double().numpy()[drawn] * frame.unit_m,
         opacities=opacities[drawn],
-        colors=decoded.colors.double().numpy()[drawn],
+        colors=decoded.colors.clamp(0, 1).double().numpy()[drawn],  # harmonics may exceed 1
         group=None if member is None else member.numpy()[drawn // loaded.model.per_unit].astype(np.int32),
     )
 
