@@ -9,6 +9,9 @@ docs/training.md. [chosen] was settled here without such a table. Learning rates
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+from aa4d.settings.allowed import Count, Iterations, NameIn, NotNegative, Positive, Range, Rate, Seed, Share
 
 # In order. "clean" is the static scene once more without what seems to move; only where movers are looked for.
 STAGES = ("coarse", "clean", "fine")
@@ -18,8 +21,8 @@ STAGES = ("coarse", "clean", "fine")
 class Decay:
     """A learning rate that falls exponentially from `initial` to `final` over its stage."""
 
-    initial: float
-    final: float
+    initial: Rate
+    final: Rate
 
     def at(self, progress: float) -> float:
         """progress in [0, 1]"""
@@ -49,53 +52,57 @@ class LearningRates:
 class Densification:
     """Growing and pruning of anchors, all [Scaffold-GS] unless marked. Iterations count within a stage."""
 
-    statistics_from: int = 500
-    start: int = 1500
-    interval: int = 100
-    until: int = 15000
-    gradient_threshold: float = 2e-4  # of the screen-space gradient, normalised device units
-    seen_share: float = 0.8  # of an interval's iterations, before a statistic counts
-    min_opacity: float = 0.005
-    levels: int = 3
-    voxel_factor: int = 16  # of the coarsest level; each further level is 4 times finer
-    max_anchors: int = 200_000  # [chosen] a bound on memory
+    statistics_from: Iterations = 500
+    start: Iterations = 1500
+    interval: Count = 100
+    until: Iterations = 15000
+    gradient_threshold: Positive = 2e-4  # of the screen-space gradient, normalised device units
+    seen_share: Share = 0.8  # of an interval's iterations, before a statistic counts
+    min_opacity: Share = 0.005
+    levels: Annotated[int, Range(1, 8)] = 3
+    voxel_factor: Annotated[int, Range(1, 4096)] = 16  # of the coarsest level; each further level is 4 times finer
+    max_anchors: Count = 200_000  # [chosen] a bound on memory
 
 
 @dataclass(frozen=True)
 class WarpSettings:
     """DACW: what the paper leaves open (64 bins are the model's). No value swept stood out from the seeds' spread."""
 
-    smoothing: float = 1.5  # [swept] bins
-    gamma: float = 1.0  # [swept]
-    lambda_min: float = 0.2  # [swept]
-    lambda_max: float = 0.8  # [swept]
+    smoothing: NotNegative = 1.5  # [swept] bins
+    gamma: NotNegative = 1.0  # [swept]
+    lambda_min: Share = 0.2  # [swept]
+    lambda_max: Share = 0.8  # [swept]
+
+    def __post_init__(self) -> None:
+        if self.lambda_min > self.lambda_max:
+            raise ValueError(f"lambda_min is {self.lambda_min:g}, above lambda_max, which is {self.lambda_max:g}")
 
 
 @dataclass(frozen=True)
 class LossWeights:
     """Of image and plane terms; the paper states none of them."""
 
-    dssim: float = 0.2  # [Scaffold-GS] D-SSIM; L1 has the rest
-    volume: float = 0.01  # [Scaffold-GS] mean volume of the drawn Gaussians
-    plane_smoothness: float = 2e-4  # [MoDec-GS] its local field
-    time_smoothness: float = 1e-3  # [MoDec-GS]
-    time_constancy: float = 1e-4  # [MoDec-GS]
+    dssim: Share = 0.2  # [Scaffold-GS] D-SSIM; L1 has the rest
+    volume: NotNegative = 0.01  # [Scaffold-GS] mean volume of the drawn Gaussians
+    plane_smoothness: NotNegative = 2e-4  # [MoDec-GS] its local field
+    time_smoothness: NotNegative = 1e-3  # [MoDec-GS]
+    time_constancy: NotNegative = 1e-4  # [MoDec-GS]
 
 
 @dataclass(frozen=True)
 class MotionSettings:
     """Rigid groups of anchors that ride on the tracks of movers: beyond the paper (docs/motion.md)."""
 
-    tracks: str = "auto"  # where they come from: a name in aa4d/training/riding.py, or "truth"
-    clean_iterations: int = 400  # [chosen] of the static stage, once more without what seems to move
-    voxel_px: float = 2.0  # [chosen] edge of a rider's finest voxel, in pixels at unit depth
-    learn_from: float = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
-    farthest_px: float = 6.0  # [chosen] that a control point may move from where it was found
-    largest_turn: float = 0.35  # [chosen] radians, likewise
+    tracks: Annotated[str, NameIn("aa4d.motion.sources", "SOURCES")] = "auto"  # where they come from
+    clean_iterations: Iterations = 400  # [chosen] of the static stage, once more without what seems to move
+    voxel_px: Positive = 2.0  # [chosen] edge of a rider's finest voxel, in pixels at unit depth
+    learn_from: Share = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
+    farthest_px: NotNegative = 6.0  # [chosen] that a control point may move from where it was found
+    largest_turn: Annotated[float, Range(0, 3.15)] = 0.35  # [chosen] radians, likewise
     # [swept] of the field where anchors ride: with nothing left to chase it may be calm, and learns instants less.
-    time_smoothness: float = 0.1
-    time_constancy: float = 1e-3
-    membership: float = 0.1  # [swept] weight of the share of riders that a pixel shows against the movers' masks
+    time_smoothness: NotNegative = 0.1
+    time_constancy: NotNegative = 1e-3
+    membership: NotNegative = 0.1  # [swept] weight of the share of riders that a pixel shows against the movers' masks
 
     @property
     def needs_static(self) -> bool:
@@ -106,12 +113,12 @@ class MotionSettings:
 @dataclass(frozen=True)
 class TrainingConfig:
     preset: str
-    coarse_iterations: int
-    fine_iterations: int
-    seed: int = 0
-    voxel_px: float = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
-    embedding_std: float = 0.01  # [swept] of the embeddings at the start; 1 costs half a decibel
-    checkpoint_every: int = 500  # iterations; a killed run repeats at most so many
+    coarse_iterations: Count
+    fine_iterations: Count
+    seed: Seed = 0
+    voxel_px: Positive = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
+    embedding_std: NotNegative = 0.01  # [swept] of the embeddings at the start; 1 costs half a decibel
+    checkpoint_every: Count = 500  # iterations; a killed run repeats at most so many
     refine_poses: bool = False  # learn the training cameras' poses with the scene
     motion: MotionSettings | None = None  # None: the paper
     rates: LearningRates = field(default_factory=LearningRates)
