@@ -14,6 +14,8 @@ from aa4d.settings.checking import Place, changed, describe, one_of, shown
 from aa4d.settings.toml import read_toml
 
 T = TypeVar("T")
+# By the name of an option of a command, the key that it stands for and its value; None where it is not given.
+Options = Mapping[str, tuple[str, Any]]
 KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
 
 
@@ -24,14 +26,12 @@ class Given:
     layers: tuple[tuple[Mapping[str, Any], Place], ...] = ()
 
     @staticmethod
-    def by(
-        config: Path | None, assignments: Sequence[str] = (), options: Mapping[str, tuple[str, Any]] | None = None
-    ) -> Given:
+    def by(config: Path | None, assignments: Sequence[str] = (), options: Options | None = None) -> Given:
         """
         Args:
             config: a settings file.
             assignments: "loss.dssim=0.1" and so on.
-            options: by the name of an option, the key that it stands for and its value; None where it is not given.
+            options: those of the command that stand for settings.
 
         Raises:
             InputError: the file cannot be read, an assignment is none, or a key is given twice in one of the three.
@@ -41,11 +41,17 @@ class Given:
             layers.append((read_toml(config), lambda where: f"{config}: {where}"))
         layers.append((_assigned(assignments), lambda where: f"--set {where}"))
         table: dict[str, Any] = {}
+        named: dict[str, str] = {}
         for option, (key, value) in (options or {}).items():
             if value is not None:
                 _put(table, key.split("."), value, option)
-        named = {key: option for option, (key, _) in (options or {}).items()}
-        layers.append((table, lambda where: named.get(where, where)))
+                named[key] = option
+
+        def options_of(where: str) -> str:
+            """Those that gave a key, or the keys of a section."""
+            return ", ".join(option for key, option in named.items() if f"{key}.".startswith(f"{where}.")) or where
+
+        layers.append((table, options_of))
         return Given(tuple(layers))
 
     def chosen(self, key: str, names: Collection[str], otherwise: str) -> str:
@@ -83,7 +89,7 @@ def _assigned(assignments: Sequence[str]) -> dict[str, Any]:
     for assignment in assignments:
         key, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals or not text or not KEY.fullmatch(key):
-            raise InputError(f"--set {shown(assignment)}: write KEY=VALUE, for instance --set loss.dssim=0.1")
+            raise InputError(f"--set {shown(assignment)}: write KEY=VALUE, for instance --set seed=1")
         _put(table, key.split("."), _parsed(text), f"--set {key}")
     return table
 

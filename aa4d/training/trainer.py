@@ -23,6 +23,7 @@ from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.image_metrics import decibels
 from aa4d.field.planes import regularisation
 from aa4d.field.warping import density_adaptive_boundaries
+from aa4d.files import write_text
 from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.kernels.image_loss import image_loss
 from aa4d.model import AdaAnchor4D, ModelConfig
@@ -32,6 +33,7 @@ from aa4d.motion.tracks_file import load_tracks, movers_path, save_tracks, track
 from aa4d.motion.truth import truth_tracks
 from aa4d.raster.types import Camera
 from aa4d.rendering import Rendered, render
+from aa4d.settings.toml import as_toml
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
 from aa4d.training.config import TrainingConfig, temporal_resolution
 from aa4d.training.growth import densify
@@ -42,6 +44,7 @@ from aa4d.training.riding import FloatArray, add_riders, check_source, find, mem
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
+HEADING = "The settings of this run; `aa4d train CAPTURE --out RUN --config settings.toml` takes the same."
 RESTART = "delete the run and train again"
 # By stage, of what is drawn at random in it.
 STAGE_SEEDS = {"coarse": 0, "fine": 1, "clean": 2}
@@ -101,6 +104,7 @@ def train(
     # Every image is read here, so that bad input is refused before anything is written.
     run = Run(capture, out, config, model_config, chosen)
     with claimed(out, settings):
+        write_text(out / "settings.toml", as_toml(config, HEADING))
         state = run.last_good_state()
         if state.stage == "fine" and state.iteration == config.fine_iterations and run.model_path.exists():
             return run.model_path
