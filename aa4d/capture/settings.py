@@ -28,10 +28,10 @@ class Selection:
     """Which frames of the input are used."""
 
     rate: PerSecond | None = None  # frames per second to keep; None: as many as `most_frames` allows
-    start_s: Seconds = 0.0
-    end_s: Seconds | None = None
-    max_frames: Annotated[int, Range(3, 1_000_000)] | None = None  # None: USUAL_MOST_FRAMES
-    source_fps: PerSecond | None = None  # of a folder of frames, which does not say it: None is USUAL_FPS
+    start_s: Seconds = 0.0  # of the input, to begin at
+    end_s: Seconds | None = None  # of the input, to end at
+    max_frames: Annotated[int, Range(3, 1_000_000)] | None = None  # to use at most, evenly over the range; None: 150
+    source_fps: PerSecond | None = None  # of a folder of frames, which does not say it; None: 30
     longest_px: Pixels = 1600  # frames are made smaller than that
     blurred_below: Share = 0.35  # share of its neighbours' sharpness below which a frame is left out; 0: none is
     duplicate_below: Grays = 0.4  # mean grey-level difference from the frame before; 0: only identical ones
@@ -66,22 +66,22 @@ class Reconstruction:
     features: Annotated[int, Range(100, 100_000)]  # at most, a frame
     window: Number  # every frame is matched with that many frames after it, and with those 2, 4, 8, ... times as far
     keyframes: Number  # loop closure: so many frames, evenly over the clip, are matched each with each
-    camera_model: Annotated[str, NameIn(__name__, "CAMERA_MODELS")]
+    camera_model: Annotated[str, NameIn(__name__, "CAMERA_MODELS")]  # of the lens, COLMAP's name
     global_refinements: Number  # of bundle adjustment over all frames, each time it runs
     grown_by: Annotated[float, Range(1.01, 10)]  # it runs whenever frames or points have grown by that factor
 
 
 @dataclass(frozen=True)
 class CaptureSettings:
-    preset: str
+    preset: str  # where the other settings start from
     reconstruction: Reconstruction
     selection: Selection = Selection()
-    movers: Annotated[str, NameIn(__name__, "MOVERS")] = "auto"
+    movers: Annotated[str, NameIn(__name__, "MOVERS")] = "auto"  # auto: what moves is left out
     size_px: Pixels = 1280  # longest side of the capture's frames, at most
     fov_deg: Degrees | None = None  # horizontal field of view of the frames, where it is known
     altitude_m: Meters | None = None  # median distance from cameras to what they see, where no GNSS gives the scale
-    seed: Annotated[int, Range(0, 2**31 - 1)] = 0
-    threads: Annotated[int, Range(1, MOST_THREADS)] = 2
+    seed: Annotated[int, Range(0, 2**31 - 1)] = 0  # of everything random
+    threads: Annotated[int, Range(1, MOST_THREADS)] = 2  # by default one for each core
 
 
 PRESETS = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from importlib import import_module
@@ -11,20 +10,16 @@ from typing import Annotated
 
 @dataclass(frozen=True)
 class Range:
-    """Bounds of a number, or of each number in a tuple: from `least`, or above it where `is_open`, to `most`."""
+    """Bounds of a number, or of each number in a tuple; both are allowed."""
 
-    least: float = -math.inf
-    most: float = math.inf
-    is_open: bool = False
+    least: float
+    most: float
 
     def holds(self, value: float) -> bool:
-        return self.least <= value <= self.most and not (self.is_open and value == self.least)
+        return self.least <= value <= self.most
 
     def __str__(self) -> str:
-        if math.isinf(self.most):
-            return "" if math.isinf(self.least) else f"{'above' if self.is_open else 'at least'} {_text(self.least)}"
-        low = f"above {_text(self.least)} and up to" if self.is_open else f"from {_text(self.least)} to"
-        return f"{low} {_text(self.most)}"
+        return f"from {_text(self.least)} to {_text(self.most)}"
 
 
 def _text(number: float) -> str:
@@ -50,9 +45,10 @@ def registered(module: str, registry: str) -> Collection[str]:
 
 
 Share = Annotated[float, Range(0, 1)]
-Positive = Annotated[float, Range(0, 1_000_000, is_open=True)]
+Positive = Annotated[float, Range(1e-12, 1_000_000)]
 NotNegative = Annotated[float, Range(0, 1_000_000)]
-Rate = Annotated[float, Range(0, 10, is_open=True)]  # of learning
+Rate = Annotated[float, Range(1e-12, 10)]  # of learning
+Pixels = Annotated[float, Range(0.01, 1000)]
 Count = Annotated[int, Range(1, 10_000_000)]
 Iterations = Annotated[int, Range(0, 10_000_000)]
 Seed = Annotated[int, Range(0, 2**63 - 1)]  # torch takes no larger one

@@ -174,7 +174,7 @@ def expected(kind: Any, allowed: tuple[Any, ...] = ()) -> str:
     if is_optional(kind):
         return f'{expected(without_none(kind), allowed)}, or "{NONE}"'
     if dataclasses.is_dataclass(kind):
-        return "a section"
+        return f"a table of {', '.join(field.name for field in dataclasses.fields(kind))}"
     names = names_of(kind, allowed)
     if names is not None and get_origin(kind) is not tuple:
         return one_of(names)

@@ -43,21 +43,21 @@ def as_toml(settings: Any, heading: str, chosen: Mapping[str, str] | None = None
         heading: a comment to begin with, one line.
         chosen: names that chose the class or the preset, and are no fields of it.
     """
-    scalars = [f"{name} = {_value(value)}" for name, value in (chosen or {}).items()]
+    scalars = [f"{name} = {toml_value(value)}" for name, value in (chosen or {}).items()]
     sections = []
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
         if dataclasses.is_dataclass(value):
-            inner = [f"{f.name} = {_value(getattr(value, f.name))}" for f in dataclasses.fields(value)]
+            inner = [f"{f.name} = {toml_value(getattr(value, f.name))}" for f in dataclasses.fields(value)]
             sections.append("\n".join(["", f"[{field.name}]", *inner]))
         else:
-            scalars.append(f"{field.name} = {_value(value)}")
+            scalars.append(f"{field.name} = {toml_value(value)}")
     return "\n".join([f"# {heading}", *scalars, *sections]) + "\n"
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
     if value is None:
-        return _value(NONE)
+        return toml_value(NONE)
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -66,6 +66,6 @@ def _value(value: Any) -> str:
     if isinstance(value, (int, float)):
         return repr(value)
     if isinstance(value, tuple):
-        return f"[{', '.join(map(_value, value))}]"
-    pairs = (f"{field.name} = {_value(getattr(value, field.name))}" for field in dataclasses.fields(value))
+        return f"[{', '.join(map(toml_value, value))}]"
+    pairs = (f"{field.name} = {toml_value(getattr(value, field.name))}" for field in dataclasses.fields(value))
     return f"{{ {', '.join(pairs)} }}"

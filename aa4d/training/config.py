@@ -11,8 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-from aa4d.settings.allowed import Count, Iterations, NameIn, NotNegative, Positive, Range, Rate, Seed, Share
+from aa4d.settings.allowed import Count, Iterations, NameIn, NotNegative, Pixels, Positive, Range, Rate, Seed, Share
 
+Factor = Annotated[int, Range(1, 4096)]
 # In order. "clean" is the static scene once more without what seems to move; only where movers are looked for.
 STAGES = ("coarse", "clean", "fine")
 
@@ -52,15 +53,15 @@ class LearningRates:
 class Densification:
     """Growing and pruning of anchors, all [Scaffold-GS] unless marked. Iterations count within a stage."""
 
-    statistics_from: Iterations = 500
-    start: Iterations = 1500
-    interval: Count = 100
-    until: Iterations = 15000
+    statistics_from: Iterations = 500  # iteration from which they are gathered
+    start: Iterations = 1500  # iteration from which anchors grow and are pruned
+    interval: Count = 100  # iterations from one occasion to the next
+    until: Iterations = 15000  # iteration after which neither happens
     gradient_threshold: Positive = 2e-4  # of the screen-space gradient, normalised device units
     seen_share: Share = 0.8  # of an interval's iterations, before a statistic counts
-    min_opacity: Share = 0.005
-    levels: Annotated[int, Range(1, 8)] = 3
-    voxel_factor: Annotated[int, Range(1, 4096)] = 16  # of the coarsest level; each further level is 4 times finer
+    min_opacity: Share = 0.005  # mean sum over an anchor's Gaussians, below which it is pruned
+    levels: Annotated[int, Range(1, 8)] = 3  # of voxels that anchors grow into
+    voxel_factor: Factor = 16  # edge of the coarsest level's voxels, in finest ones; each further level: a quarter
     max_anchors: Count = 200_000  # [chosen] a bound on memory
 
 
@@ -68,10 +69,10 @@ class Densification:
 class WarpSettings:
     """DACW: what the paper leaves open (64 bins are the model's). No value swept stood out from the seeds' spread."""
 
-    smoothing: NotNegative = 1.5  # [swept] bins
-    gamma: NotNegative = 1.0  # [swept]
-    lambda_min: Share = 0.2  # [swept]
-    lambda_max: Share = 0.8  # [swept]
+    smoothing: NotNegative = 1.5  # [swept] of the histogram, standard deviation in bins
+    gamma: NotNegative = 1.0  # [swept] sensitivity to density
+    lambda_min: Share = 0.2  # [swept] least strength of the adaptation
+    lambda_max: Share = 0.8  # [swept] greatest strength of the adaptation
 
     def __post_init__(self) -> None:
         if self.lambda_min > self.lambda_max:
@@ -84,9 +85,9 @@ class LossWeights:
 
     dssim: Share = 0.2  # [Scaffold-GS] D-SSIM; L1 has the rest
     volume: NotNegative = 0.01  # [Scaffold-GS] mean volume of the drawn Gaussians
-    plane_smoothness: NotNegative = 2e-4  # [MoDec-GS] its local field
-    time_smoothness: NotNegative = 1e-3  # [MoDec-GS]
-    time_constancy: NotNegative = 1e-4  # [MoDec-GS]
+    plane_smoothness: NotNegative = 2e-4  # [MoDec-GS] its local field; of the spatial planes
+    time_smoothness: NotNegative = 1e-3  # [MoDec-GS] of the time planes along t
+    time_constancy: NotNegative = 1e-4  # [MoDec-GS] of the distance of time planes from 1
 
 
 @dataclass(frozen=True)
@@ -95,13 +96,13 @@ class MotionSettings:
 
     tracks: Annotated[str, NameIn("aa4d.motion.sources", "SOURCES")] = "auto"  # where they come from
     clean_iterations: Iterations = 400  # [chosen] of the static stage, once more without what seems to move
-    voxel_px: Positive = 2.0  # [chosen] edge of a rider's finest voxel, in pixels at unit depth
+    voxel_px: Pixels = 2.0  # [chosen] edge of a rider's finest voxel, in pixels at unit depth
     learn_from: Share = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
     farthest_px: NotNegative = 6.0  # [chosen] that a control point may move from where it was found
     largest_turn: Annotated[float, Range(0, 3.15)] = 0.35  # [chosen] radians, likewise
-    # [swept] of the field where anchors ride: with nothing left to chase it may be calm, and learns instants less.
-    time_smoothness: NotNegative = 0.1
-    time_constancy: NotNegative = 1e-3
+    # With nothing left to chase, the field may be calm, and learns instants less.
+    time_smoothness: NotNegative = 0.1  # [swept] instead of the loss's, where anchors ride
+    time_constancy: NotNegative = 1e-3  # [swept] likewise
     membership: NotNegative = 0.1  # [swept] weight of the share of riders that a pixel shows against the movers' masks
 
     @property
@@ -112,15 +113,15 @@ class MotionSettings:
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    preset: str
-    coarse_iterations: Count
-    fine_iterations: Count
-    seed: Seed = 0
-    voxel_px: Positive = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
+    preset: str  # where the other settings start from
+    coarse_iterations: Count  # of the static scene
+    fine_iterations: Count  # of the scene in motion
+    seed: Seed = 0  # of everything random
+    voxel_px: Pixels = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
     embedding_std: NotNegative = 0.01  # [swept] of the embeddings at the start; 1 costs half a decibel
     checkpoint_every: Count = 500  # iterations; a killed run repeats at most so many
     refine_poses: bool = False  # learn the training cameras' poses with the scene
-    motion: MotionSettings | None = None  # None: the paper
+    motion: MotionSettings | None = None  # anchors that ride on movers; None: the paper
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification = field(default_factory=Densification)
     warp: WarpSettings = field(default_factory=WarpSettings)

@@ -105,7 +105,7 @@ def test_an_optional_section_is_turned_on_by_its_keys_and_off_by_none() -> None:
         ({"iterations": 2.0}, "iterations: the number 2.0 must be a whole number from 1"),
         ({"iterations": True}, "iterations: true must be a whole number"),
         ({"is_deep": 1}, "is_deep: the number 1 must be true or false"),
-        ({"rates": {"planes": {"initial": 0}}}, "rates.planes.initial: 0 is out of range; it must be a number above 0"),
+        ({"rates": {"planes": {"initial": 0}}}, "rates.planes.initial: 0 is out of range; it must be a number from 1e"),
         ({"rates": {"planes": {"initial": float("nan")}}}, "rates.planes.initial: nan is out of range"),
         ({"rates": {"planes": {"initial": float("inf")}}}, "rates.planes.initial: inf is out of range"),
         ({"rates": {"planes": {"initial": 10**400}}}, "rates.planes.initial: 1000"),
@@ -136,7 +136,7 @@ def test_a_section_without_defaults_asks_for_what_is_missing() -> None:
 
     # A name that annotations of a local class can find.
     Outer.__annotations__["decay"] = Decay | None
-    with pytest.raises(InputError, match=r"decay\.final: missing; it must be a number above 0"):
+    with pytest.raises(InputError, match=r"decay\.final: missing; it must be a number from 1e"):
         changed(Outer(), {"decay": {"initial": 1.0}}, str)
 
 

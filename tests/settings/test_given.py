@@ -70,7 +70,10 @@ def test_riding_is_off_with_none_and_on_with_any_of_its_keys() -> None:
         (["seed=1\npreset='x'"], "--set seed: the text \"1\\npreset='x'\" must be"),
         (["seed=" + "[" * 5000], "--set seed: the text"),
         (["seed=" + "9" * 5000], "--set seed: the text"),
-        (["rates.planes.initial=-1"], "--set rates.planes.initial: -1 is out of range; it must be a number above 0"),
+        (
+            ["rates.planes.initial=-1"],
+            "--set rates.planes.initial: -1 is out of range; it must be a number from 1e-12 to 10",
+        ),
         (["warp.lambda_min=0.9"], "--set warp: lambda_min is 0.9, above lambda_max, which is 0.8"),
         (["motion.tracks=box"], "must be one of auto, pictures, boxes, truth; did you mean boxes?"),
     ],
