@@ -55,7 +55,7 @@ class _Checker:
             if name not in fields:
                 meant = self.meant(name, list(fields), prefix)
                 hint = f"did you mean {meant}? Allowed" if meant else "allowed"
-                raise self.fail(prefix + shown(name), f"unknown key; {hint} here: {', '.join(fields)}")
+                raise self.fail(prefix + _quoted(name), f"unknown key; {hint} here: {', '.join(fields)}")
             values[name] = self.value(hints[name], values.get(name), value, prefix + name)
         for name, field in fields.items():
             missing = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
@@ -83,9 +83,10 @@ class _Checker:
         if is_optional(kind):
             if value == NONE:
                 return None
-            if isinstance(value, str) and dataclasses.is_dataclass(without_none(kind)):
+            inner = without_none(kind)
+            if dataclasses.is_dataclass(inner) and not isinstance(value, Mapping):
                 raise self.fail(where, f'is "{NONE}" or a section of keys; it cannot be {describe(value)}')
-            return self.value(without_none(kind), base, value, where, allowed)
+            return self.value(inner, base, value, where, allowed)
         if dataclasses.is_dataclass(kind):
             return self.record(kind, base, value, where)  # type: ignore[arg-type]
         if get_origin(kind) is tuple:
@@ -205,6 +206,11 @@ def describe(value: Any) -> str:
 def shown(key: str) -> str:
     """What should have been a key, as a sentence can hold it."""
     return _short(key if key.isprintable() and key else json.dumps(key))
+
+
+def _quoted(key: str) -> str:
+    """A key of a file, in quotes where it is no plain word: "loss.dssim" is no dssim of loss."""
+    return shown(key) if "." not in key else json.dumps(key)
 
 
 def _short(text: str) -> str:

@@ -111,6 +111,8 @@ def test_an_optional_section_is_turned_on_by_its_keys_and_off_by_none() -> None:
         ({"rates": {"planes": {"initial": 10**400}}}, "rates.planes.initial: 1000"),
         ({"rates": {"planes": 0.1}}, "rates.planes: is a section, with the keys initial, final; it cannot be the numb"),
         ({"rates": [1]}, "rates: is a section, with the keys planes, heads; it cannot be a list"),
+        ({"rates.planes": {}}, 'run.toml: "rates.planes": unknown key; '),
+        ({"motion": False}, 'motion: is "none" or a section of keys; it cannot be false'),
         ({"motion": "on"}, 'motion: is "none" or a section of keys; it cannot be the text "on"'),
         ({"motion": {"tracks": "boxs"}}, 'motion.tracks: the text "boxs" must be one of auto, boxes; did you mean'),
         ({"color": "gren"}, "color: the text \"gren\" must be one of red, green; did you mean green?"),
