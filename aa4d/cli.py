@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from rich.console import Console
 from tyro.extras import SubcommandApp
@@ -22,7 +23,7 @@ from aa4d.commands.sweep import sweep
 from aa4d.commands.train import train
 from aa4d.errors import InputError, Interrupted
 from aa4d.interrupts import end_quietly_while_importing
-from aa4d.settings.checking import one_of
+from aa4d.settings.checking import nearest, one_of
 
 DESCRIPTION = (
     "AdaAnchor4D: drone video of moving traffic becomes a 4D scene that you can scrub in Blender. "
@@ -73,6 +74,9 @@ def checked(arguments: list[str]) -> list[str]:
     if name and not name.startswith("-") and name not in COMMANDS:
         raise InputError(f"{name}: no such command; it must be {one_of(COMMANDS, name)}")
     if name == "synth" and rest and rest[0] not in ("-h", "--help", *synth.COMMANDS):
+        near = nearest(rest[0], synth.COMMANDS)
+        if near and not Path(rest[0]).exists():
+            raise InputError(f"aa4d synth {rest[0]}: neither a scene file nor a command; did you mean {near}?")
         return ["synth", "render", *rest]
     return arguments
 

@@ -40,6 +40,7 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
         (("trian", "capture"), "trian: no such command; it must be one of synth, "),
         (("train", "absent", "--out", "run", "--config", "a="), "a=: no such settings file"),
         (("train", "absent", "--out", "run", "--config=a="), "a=: no such settings file"),
+        (("synth", "verfy", "capture"), "aa4d synth verfy: neither a scene file nor a command; did you mean verify?"),
         (("synth", "sheet", "--out", "sheet"), "aa4d synth sheet: name at least one scene file"),
         (("synth", "render", "absent.toml", "--out", "capture"), "absent.toml: cannot read the scene file"),
         (("demo", "absent.toml", "--out", "demo"), "absent.toml: no such scene file"),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from aa4d.commands.choices import name_in
+from aa4d.commands.choices import described, name_in
 from aa4d.commands.experiment_options import Options
 
 
@@ -15,10 +15,7 @@ def ablate(
     what: Annotated[
         Positional[str],
         name_in("aa4d.experiments.variants", "ABLATIONS", "ablate"),
-        arg(
-            help="modules: product, then ACFA, DLGD and DACW. aggregation: ACFA beside its four rivals. motion: the "
-            "paper's model, the same with anchors that ride on found tracks, and on true ones."
-        ),
+        arg(help=described("aa4d.experiments.variants", "ABLATIONS", "title")),
     ],
     captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
     experiment: Options,

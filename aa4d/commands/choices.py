@@ -6,6 +6,8 @@ waits for that.
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from tyro.constructors import PrimitiveConstructorSpec
 
 from aa4d.errors import InputError
@@ -42,6 +44,12 @@ def names_in(
         is_instance=lambda value: value is None or isinstance(value, tuple),
         str_from_instance=lambda value: list(value or (otherwise,)),
     )
+
+
+def described(module: str, registry: str, attribute: str) -> str:
+    """What the entries of a registry say of themselves in `attribute`, for help."""
+    entries = import_module(module).__dict__[registry].items()
+    return " ".join(f"{name}: {getattr(entry, attribute)}." for name, entry in entries)
 
 
 def _checked(given: str, names: tuple[str, ...], option: str) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from aa4d.commands.choices import name_in
+from aa4d.commands.choices import described, name_in
 from aa4d.console import console, step_progress
 
 
@@ -16,10 +16,7 @@ def export(
     format: Annotated[  # noqa: A002, it is what the option is called
         str,
         name_in("aa4d.export", "EXPORTERS", "--format"),
-        arg(
-            help="ply: 3D Gaussian splatting PLY, one file a view, for splat viewers. points: point-cloud PLY, one "
-            "file a view. usd: one file of animated points. 4dgs: one file in the 4DGS container."
-        ),
+        arg(help=described("aa4d.export", "EXPORTERS", "says")),
     ] = "ply",
     out: Annotated[
         Path | None,

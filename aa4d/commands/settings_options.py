@@ -17,5 +17,5 @@ Config = Annotated[
 ]
 Assignments = Annotated[
     UseAppendAction[tuple[str, ...]],
-    arg(name="set", metavar="KEY=VALUE", help="One setting by its key, for instance seed=1; as often as needed."),
+    arg(name="set", metavar="KEY=VALUE", help="One setting by its key, for instance seed=1; may be repeated."),
 ]

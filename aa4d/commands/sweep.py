@@ -7,7 +7,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from aa4d.commands.choices import name_in
+from aa4d.commands.choices import described, name_in
 from aa4d.commands.experiment_options import Options
 
 
@@ -15,10 +15,7 @@ def sweep(
     what: Annotated[
         Positional[str],
         name_in("aa4d.experiments.variants", "SWEEPS", "sweep"),
-        arg(
-            help="gamma, lambda, smoothing: DACW's. planes: cells a side, with and without DACW. time: rows of the "
-            "time planes. embedding: how embeddings start."
-        ),
+        arg(help=described("aa4d.experiments.variants", "SWEEPS", "title")),
     ],
     captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
     experiment: Options,

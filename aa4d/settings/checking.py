@@ -88,7 +88,7 @@ class _Checker:
                 raise self.fail(where, f'is "{NONE}" or a section of keys; it cannot be {describe(value)}')
             return self.value(inner, base, value, where, allowed)
         if dataclasses.is_dataclass(kind):
-            return self.record(kind, base, value, where)  # type: ignore[arg-type]
+            return self.record(kind if base is None else type(base), base, value, where)  # type: ignore[arg-type]
         if get_origin(kind) is tuple:
             return self.sequence(kind, value, where, allowed)
         names = names_of(kind, allowed)

@@ -137,10 +137,11 @@ def test_an_experiment_applies_settings_to_every_variant(
 
     monkeypatch.setattr("aa4d.experiments.command.run_experiment", remember)
     arguments = ["--out", tmp_path / "s", "--seeds", 2, "--config", brief, "--set", "loss.dssim=0.3"]
+    arguments += ["--set", "seed=5"]
     assert aa4d(monkeypatch, "sweep", "gamma", toy_capture, *arguments) == 130
     assert {trial.config.warp.gamma for trial in seen} == {0.0, 0.5, 1.0, 2.0}
     assert {(t.config.loss.dssim, t.config.fine_iterations, t.config.motion) for t in seen} == {(0.3, 4, None)}
-    assert {trial.config.seed for trial in seen} == {0, 1}
+    assert {trial.config.seed for trial in seen} == {5, 6}
 
 
 def test_a_capture_takes_settings_too(

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from aa4d.capture.settings import PRESETS as CAPTURE_PRESETS
+from aa4d.capture.settings import CaptureSettings, Selection
 from aa4d.errors import InputError
 from aa4d.settings.given import Given
-from aa4d.settings.toml import MOST_BYTES
+from aa4d.settings.toml import MOST_BYTES, as_toml
 from aa4d.training.config import PRESETS, MotionSettings, TrainingConfig
 
 QUICK = PRESETS["quick"]
@@ -131,6 +133,14 @@ def test_a_pipe_is_a_file(tmp_path: Path) -> None:
     writer.start()
     assert Given.by(pipe).applied(QUICK).seed == 5
     writer.join()
+
+
+@pytest.mark.parametrize("preset", CAPTURE_PRESETS)
+def test_the_settings_of_a_capture_are_read_back_too(preset: str, tmp_path: Path) -> None:
+    settings = CaptureSettings(preset, CAPTURE_PRESETS[preset], Selection(rate=2.5, end_s=9.0), fov_deg=70.0)
+    file = tmp_path / "settings.toml"
+    file.write_text(as_toml(settings, "of a capture"))
+    assert Given.by(file).applied(CaptureSettings("fast", CAPTURE_PRESETS["fast"])) == settings
 
 
 def test_a_name_is_chosen_once_and_nearly_right_ones_are_told(tmp_path: Path) -> None:
