@@ -68,10 +68,11 @@ class Given:
                 if not isinstance(value, str) or value not in names:
                     raise InputError(f"{place(key)}: {describe(value)} must be {one_of(names, value)}")
                 found[place(key)] = value
-        if len(set(found.values())) > 1:
-            (one, first), *_, (two, second) = found.items()
-            raise InputError(f"{two} {second}: {one} says {first}; leave one of them out")
-        return next(iter(found.values()), otherwise)
+        (first, name), *others = found.items() if found else [("", otherwise)]
+        for place_of_other, other in others:
+            if other != name:
+                raise InputError(f"{place_of_other} {other}: {first} says {name}; leave one of them out")
+        return name
 
     def applied(self, base: T, *, chosen: Collection[str] = ()) -> T:
         """`base` with everything that is given. Keys in `chosen` have been asked for with `chosen`.
