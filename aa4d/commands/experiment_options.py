@@ -18,7 +18,7 @@ class ExperimentOptions:
     seeds: Annotated[int, arg(help="Runs of each variant on each capture; they make the spread.")] = 3
     preset: Annotated[
         str | None,
-        name_in("aa4d.training.config", "PRESETS", "--preset", "quick"),
+        name_in("aa4d.methods.adaanchor4d.settings", "PRESETS", "--preset", "quick"),
         arg(help="As of `aa4d train`."),
     ] = None
     config: Config = None

@@ -12,6 +12,7 @@ from aa4d.commands.choices import name_in
 from aa4d.commands.settings_options import Assignments, Config
 from aa4d.console import console, training_progress
 from aa4d.errors import InputError
+from aa4d.methods import DEFAULT, METHODS
 
 MOTION = ("tracks", "none")
 
@@ -19,9 +20,14 @@ MOTION = ("tracks", "none")
 def train(
     capture: Annotated[Positional[Path], arg(help="Capture folder, made by `aa4d synth` or `aa4d capture`.")],
     out: Annotated[Path, arg(help="Folder for the run: new, empty, or this run where it stopped.")],
+    method: Annotated[
+        str | None,
+        name_in("aa4d.methods", "METHODS", "--method", DEFAULT),
+        arg(help="What to train: the paper's AdaAnchor4D, or one that it is compared with."),
+    ] = None,
     preset: Annotated[
         str | None,
-        name_in("aa4d.training.config", "PRESETS", "--preset", "quick"),
+        name_in("aa4d.methods", "preset_names", "--preset", "quick"),
         arg(
             help="quick: minutes on two cores. standard: a third of the paper's. paper: its 3,000 + 30,000 iterations."
         ),
@@ -66,22 +72,29 @@ def train(
     ] = False,
     tensorboard: Annotated[bool, arg(help="Write OUT/tensorboard; look with `tensorboard --logdir OUT`.")] = False,
 ) -> None:
-    """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
+    """Train a model on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
     from aa4d.capture.reader import read_capture
+    from aa4d.methods import presets_of
+    from aa4d.methods.settings import AnchorSettings, MotionSettings, with_iterations
     from aa4d.settings.given import Given, Options
-    from aa4d.training.config import PRESETS, MotionSettings, with_iterations
     from aa4d.training.trainer import train as run_training
 
     options: Options = {
+        "--method": ("method", method),
         "--preset": ("preset", preset),
         "--seed": ("seed", seed),
+        "--no-dlgd": ("model.dlgd", False if no_dlgd else None),
+        "--no-dacw": ("model.dacw", False if no_dacw else None),
         "--refine-poses": ("refine_poses", refine_poses or None),
         "--motion": ("motion", {} if motion == "tracks" else motion),
         "--tracks": ("motion.tracks", tracks),
     }
     given = Given.by(config, assignments, options)
-    base = PRESETS[given.chosen("preset", PRESETS, "quick")]
-    settings = given.applied(replace(base, motion=MotionSettings()), chosen=["preset"])
+    presets = presets_of(given.chosen("method", METHODS, DEFAULT))
+    base = presets[given.chosen("preset", presets, "quick")]
+    if isinstance(base, AnchorSettings):
+        base = replace(base, motion=MotionSettings())
+    settings = given.applied(base, chosen=["method", "preset"])
     if iterations is not None:
         if min(iterations) < 1:
             raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")
@@ -92,7 +105,6 @@ def train(
             out,
             settings,
             progress,
-            variant={"dlgd": not no_dlgd, "dacw": not no_dacw},
             device=device,  # type: ignore[arg-type]
             tensorboard=tensorboard,
             say=lambda sentence: console.print(sentence, highlight=False, soft_wrap=True),

@@ -13,8 +13,9 @@ from aa4d.errors import InputError
 from aa4d.experiments.runner import run_experiment, trials_of
 from aa4d.experiments.tables import cells, columns_of, headings, lines_of
 from aa4d.experiments.variants import Experiment
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
+from aa4d.methods.settings import with_iterations
 from aa4d.settings.given import Given, Options
-from aa4d.training.config import PRESETS, with_iterations
 
 WIDTH = 120
 
@@ -40,7 +41,8 @@ def run(
             raise InputError(f"{name} {value}: must be at least 1")
     options: Options = {"--preset": ("preset", preset), "--motion": ("motion", {} if motion == "tracks" else motion)}
     given = Given.by(config, assignments, options)
-    settings = given.applied(PRESETS[given.chosen("preset", PRESETS, "quick")], chosen=["preset"])
+    given.chosen("method", [AdaAnchor4DSettings.method], AdaAnchor4DSettings.method)
+    settings = given.applied(PRESETS[given.chosen("preset", PRESETS, "quick")], chosen=["method", "preset"])
     if iterations is not None:
         settings = with_iterations(settings, *iterations)
     trials = trials_of(experiment, captures, out, settings, seeds)

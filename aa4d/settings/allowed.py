@@ -39,9 +39,10 @@ class NameIn:
 
 
 def registered(module: str, registry: str) -> Collection[str]:
-    """The collection `registry` of `module`, as it is now."""
-    names: Collection[str] = getattr(import_module(module), registry)
-    return names
+    """The collection `registry` of `module`, or what a function of that name returns, as it is now."""
+    names = getattr(import_module(module), registry)
+    collection: Collection[str] = names() if callable(names) else names
+    return collection
 
 
 Share = Annotated[float, Range(0, 1)]
@@ -50,5 +51,6 @@ NotNegative = Annotated[float, Range(0, 1_000_000)]
 Rate = Annotated[float, Range(1e-12, 10)]  # of learning
 Pixels = Annotated[float, Range(0.01, 1000)]
 Count = Annotated[int, Range(1, 10_000_000)]
+Width = Annotated[int, Range(1, 2048)]  # of a network or a plane
 Iterations = Annotated[int, Range(0, 10_000_000)]
 Seed = Annotated[int, Range(0, 2**63 - 1)]  # torch takes no larger one

@@ -17,9 +17,9 @@ from typing import Any, get_type_hints
 
 from aa4d.capture.settings import PRESETS as CAPTURE_PRESETS
 from aa4d.capture.settings import CaptureSettings
+from aa4d.methods import METHODS, presets_of
 from aa4d.settings.checking import expected, is_optional, without_none
 from aa4d.settings.toml import toml_value
-from aa4d.training.config import PRESETS
 
 HEAD = """\
 # Settings
@@ -37,6 +37,7 @@ aa4d sweep gamma CAPTURE --out SWEEP --config run.toml          every variant st
 A file has the keys of the tables below, a section each; what it leaves out is the preset's:
 
 ```
+method = "adaanchor4d"
 preset = "standard"
 motion = "none"
 
@@ -49,8 +50,9 @@ planes = { initial = 0.05, final = 0.005 }
 
 - `--set KEY=VALUE` takes one key, with the sections before it, and a value as TOML writes it; a word needs no quotes.
 - Of preset, `--config`, `--set` and the command's other options the last one that names a key counts; within one of
-  them a key is given once. `preset` itself must be the same wherever it is given. `--iterations` comes after all and
-  moves the window in which anchors grow along with the fine stage; `fine_iterations` leaves it where it is.
+  them a key is given once. `method` and `preset` must be the same wherever they are given. `--iterations` comes after
+  all and moves the window in which anchors or Gaussians come and go along with the fine stage; `fine_iterations` leaves
+  it where it is.
 - A setting without a value is `"none"`. A section that may be `"none"` is turned on by any of its keys, or by an empty
   table (`--set motion={}`). `aa4d train` starts with `[motion]` turned on, experiments with it off.
 - A misspelt key, a value of the wrong type or one outside of its range is refused before anything is done.
@@ -66,8 +68,9 @@ COMMENT = re.compile(r"#\s*(?:\[(?P<source>[^\]]+)\][,;]?\s*)?(?P<meaning>.*)")
 
 def page() -> str:
     """The whole text."""
+    methods = [line for name in METHODS for line in _tree(f"Training: `{name}`", presets_of(name))]
     captures = {name: CaptureSettings(name, made) for name, made in CAPTURE_PRESETS.items()}
-    return "\n".join([HEAD, *_tree("Training", PRESETS), *_tree("Capture", captures)])
+    return "\n".join([HEAD, *methods, *_tree("Capture", captures)])
 
 
 def _tree(title: str, presets: Mapping[str, Any]) -> Iterator[str]:

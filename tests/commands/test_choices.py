@@ -15,7 +15,9 @@ from aa4d.cli import COMMANDS, app_of
 from aa4d.errors import InputError
 
 REGISTRIES = [
-    ("train", "aa4d.training.config", "PRESETS"),
+    ("train", "aa4d.methods", "METHODS"),
+    ("train", "aa4d.methods.adaanchor4d.settings", "PRESETS"),
+    ("train", "aa4d.methods.fourdgs.settings", "PRESETS"),
     ("train", "aa4d.motion.sources", "SOURCES"),
     ("train", "aa4d.device", "DEVICES"),
     ("capture", "aa4d.capture.settings", "PRESETS"),
@@ -27,9 +29,9 @@ REGISTRIES = [
     ("export", "aa4d.export", "EXPORTERS"),
     ("export", "aa4d.filming.splits", "SPLITS"),
     ("ablate", "aa4d.experiments.variants", "ABLATIONS"),
-    ("ablate", "aa4d.training.config", "PRESETS"),
+    ("ablate", "aa4d.methods.adaanchor4d.settings", "PRESETS"),
     ("sweep", "aa4d.experiments.variants", "SWEEPS"),
-    ("sweep", "aa4d.training.config", "PRESETS"),
+    ("sweep", "aa4d.methods.adaanchor4d.settings", "PRESETS"),
     ("synth", "aa4d.commands.synth", "COMMANDS"),
     ("bench", "aa4d.commands.bench", "COMMANDS"),
 ]

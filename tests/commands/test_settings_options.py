@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 
 from aa4d.cli import main
+from aa4d.methods import presets_of
+from aa4d.methods.adaanchor4d.settings import PRESETS
+from aa4d.methods.settings import MotionSettings
 from aa4d.settings.given import Given
-from aa4d.training.config import PRESETS, MotionSettings
 
 BRIEF = """
 preset = "quick"
@@ -59,7 +61,7 @@ def test_a_run_is_trained_with_what_is_given_and_its_settings_train_the_same_aga
     )
     assert training["densification"]["until"] == 4
     settings = first / "settings.toml"
-    assert Given.by(settings).applied(PRESETS["paper"]).loss.dssim == 0.1
+    assert Given.by(settings).applied(PRESETS["paper"], chosen=["method"]).loss.dssim == 0.1
     assert aa4d(monkeypatch, "train", toy_capture, "--out", again, "--config", settings) == 0
     for name in ("config.json", "settings.toml"):
         assert (first / name).read_bytes() == (again / name).read_bytes()
@@ -95,6 +97,9 @@ def test_riding_is_the_default_and_is_turned_off_by_file_assignment_or_option(
     assert config("--config", brief, "--tracks", "pictures").motion == MotionSettings("pictures")
     assert config("--config", brief, "--set", "motion.voxel_px=3").motion == MotionSettings(voxel_px=3.0)
     assert config("--tracks", "boxes", "--set", "motion.voxel_px=3").motion == MotionSettings("boxes", voxel_px=3.0)
+    assert config("--no-dlgd", "--set", "model.aggregation=mean").model.dlgd is False
+    assert config("--no-dlgd", "--set", "model.aggregation=mean").model.aggregation == "mean"
+    assert config("--method", "fourdgs") == presets_of("fourdgs")["quick"]
     assert config("--preset", "paper", "--refine-poses").refine_poses is True
     assert config("--iterations", 80, 300).densification.until == 180
 
@@ -107,6 +112,9 @@ def test_riding_is_the_default_and_is_turned_off_by_file_assignment_or_option(
         (["--set", "loss.dssim"], "--set loss.dssim: write KEY=VALUE"),
         (["--config", "absent.toml"], "absent.toml: no such settings file"),
         (["--config", "brief.toml", "--preset", "paper"], "--preset paper: brief.toml: preset says quick; leave one"),
+        (["--method", "fourdgs", "--motion", "tracks"], "--motion: motion must be none, for fourdgs has no anchors"),
+        (["--method", "fourdgs", "--no-dlgd"], "--no-dlgd: unknown key; allowed here: plane_dim"),
+        (["--method", "fourdg"], "--method fourdg: must be one of adaanchor4d, fourdgs; did you mean fourdgs?"),
         (["--seed", "-1"], "--seed: -1 is out of range; it must be a whole number from 0 to 9223372036854775807"),
         (["--set", "seed=1", "--set", "seed=2"], "--set seed: seed is given already, as the number 1"),
     ],
@@ -139,9 +147,9 @@ def test_an_experiment_applies_settings_to_every_variant(
     arguments = ["--out", tmp_path / "s", "--seeds", 2, "--config", brief, "--set", "loss.dssim=0.3"]
     arguments += ["--set", "seed=5"]
     assert aa4d(monkeypatch, "sweep", "gamma", toy_capture, *arguments) == 130
-    assert {trial.config.warp.gamma for trial in seen} == {0.0, 0.5, 1.0, 2.0}
-    assert {(t.config.loss.dssim, t.config.fine_iterations, t.config.motion) for t in seen} == {(0.3, 4, None)}
-    assert {trial.config.seed for trial in seen} == {5, 6}
+    assert {trial.settings.warp.gamma for trial in seen} == {0.0, 0.5, 1.0, 2.0}
+    assert {(t.settings.loss.dssim, t.settings.fine_iterations, t.settings.motion) for t in seen} == {(0.3, 4, None)}
+    assert {trial.settings.seed for trial in seen} == {5, 6}
 
 
 def test_a_capture_takes_settings_too(

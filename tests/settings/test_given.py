@@ -11,14 +11,15 @@ import pytest
 from aa4d.capture.settings import PRESETS as CAPTURE_PRESETS
 from aa4d.capture.settings import CaptureSettings, Selection
 from aa4d.errors import InputError
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
+from aa4d.methods.settings import MotionSettings
 from aa4d.settings.given import Given
 from aa4d.settings.toml import MOST_BYTES, as_toml
-from aa4d.training.config import PRESETS, MotionSettings, TrainingConfig
 
 QUICK = PRESETS["quick"]
 
 
-def assigned(*assignments: str) -> TrainingConfig:
+def assigned(*assignments: str) -> AdaAnchor4DSettings:
     return Given.by(None, assignments).applied(QUICK)
 
 
