@@ -54,7 +54,8 @@ planes = { initial = 0.05, final = 0.005 }
   all and moves the window in which anchors or Gaussians come and go along with the fine stage; `fine_iterations` leaves
   it where it is.
 - A setting without a value is `"none"`. A section that may be `"none"` is turned on by any of its keys, or by an empty
-  table (`--set motion={}`). `aa4d train` starts with `[motion]` turned on, experiments with it off.
+  table (`--set motion={}`). `aa4d train` starts with `[motion]` turned on for methods with anchors, which alone can
+  ride; experiments start with it off.
 - A misspelt key, a value of the wrong type or one outside of its range is refused before anything is done.
 - `settings.toml` beside a result holds all that it was made with. Given with `--config` it makes the same again.
 
@@ -86,7 +87,9 @@ def _tree(title: str, presets: Mapping[str, Any]) -> Iterator[str]:
         section = without_none(hints[name])
         optional = ', or `"none"`' if is_optional(hints[name]) else ""
         yield f"### `[{name}]`{optional}\n"
-        yield " ".join((inspect.getdoc(section) or "").split()) + "\n"
+        about = inspect.getdoc(section) or ""
+        if not about.startswith(f"{section.__name__}("):  # what dataclasses say of themselves
+            yield " ".join(about.split()) + "\n"
         values = [getattr(tree, name) for tree in trees]
         yield from _table(section, [f.name for f in dataclasses.fields(section)], [v or section() for v in values])
 
