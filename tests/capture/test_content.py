@@ -80,24 +80,25 @@ def test_who_made_it_when_is_not_its_content(toy_capture: Path) -> None:
     assert read_capture(toy_capture).identity == before
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate"])
-def test_a_frame_that_was_changed_is_found_before_it_is_used(toy_capture: Path, tmp_path: Path, command: str) -> None:
-    identify(toy_capture)
-    if command == "evaluate":
-        train(read_capture(toy_capture), tmp_path / "run", SHORT, silent)
+def test_a_frame_that_was_changed_is_found_before_it_is_used(toy_capture: Path, tmp_path: Path) -> None:
+    before = read_capture(identify(toy_capture))
+    train(before, tmp_path / "run", SHORT, silent)
     change_frame(toy_capture)
-    capture = read_capture(toy_capture)
-    with pytest.raises(InputError, match=r"000003\.png: was changed since the capture was made; make the capture"):
-        if command == "train":
-            train(capture, tmp_path / "run", SHORT, silent)
-        else:
-            evaluate(tmp_path / "run", toy_capture, silent)
-    assert (tmp_path / "run").exists() == (command == "evaluate")
-    before = capture.identity
+    damaged = read_capture(toy_capture)
+    says = r"000003\.png: was changed since the capture was made; make the capture"
+    with pytest.raises(InputError, match=says):
+        train(damaged, tmp_path / "another", SHORT, silent)
+    assert not (tmp_path / "another").exists()
+    with pytest.raises(InputError, match=says):
+        train(damaged, tmp_path / "run", SHORT, silent)
+    with pytest.raises(InputError, match=says):
+        evaluate(tmp_path / "run", toy_capture, silent)
     (toy_capture / CHECKSUMS).unlink()
-    after = read_capture(toy_capture)
     check_content(toy_capture)
-    assert after.identity != before
+    after = read_capture(toy_capture)
+    assert after.identity != before.identity
+    with pytest.raises(InputError, match="holds a run with another capture"):
+        train(after, tmp_path / "run", SHORT, silent)
 
 
 def test_what_is_not_read_here_may_be_left_out_of_a_copy(toy_capture: Path) -> None:

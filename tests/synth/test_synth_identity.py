@@ -40,7 +40,7 @@ def full(scene: Scene) -> Scene:
         flows=(Flow(per_hour=100.0),),
         tracks=TrackTable(file="tracks.csv", format="metres"),
         assets=(Asset(kind="van", file="van.glb"),),
-        effects={effect.name: dataclasses.asdict(effect.settings) for effect in choose(dict.fromkeys(NAMES, {}), "x")},
+        effects={e.name: dataclasses.asdict(e.settings) for e in choose({name: {} for name in NAMES}, "x")},
     )
 
 
