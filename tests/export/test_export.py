@@ -285,8 +285,7 @@ def test_4dgs_holds_every_view_and_moves_between_them(loaded: LoadedModel, tmp_p
     assert scene.duration_sec == pytest.approx(clip.seconds(4))
     assert scene.provenance.frame.metres_per_unit == 1
     identity = json.loads((tmp_path / "out/export.json").read_text())["identity"]
-    (metadata,) = scene.metadata
-    assert json.loads(dict(metadata.entries)["aa4d"]) == identity
+    assert json.loads(scene.header.attributes["aa4d"]) == identity
     bounds = scene.quantization.bounds
     slack = 1e-3 + float(bounds["pos"]) + float(bounds["motion"]) * clip.seconds(1)
     for index in range(4):
