@@ -8,7 +8,7 @@ from typing import Any
 from aa4d.errors import InputError
 from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.identity import Identity, digest_of, digest_of_file, identity_of
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 
 
 def claim_folder(out: Path, index_name: str, wanted: dict[str, Any], what: str) -> dict[str, Any]:

@@ -26,7 +26,8 @@ from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.experiments.program import run_as_program
 from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.identity import Identity, digest_of
-from aa4d.training.config import PRESETS, TrainingConfig, with_iterations
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
+from aa4d.methods.settings import with_iterations
 
 Floats = NDArray[np.float64]
 
@@ -62,18 +63,18 @@ def _moved(viewmat: Floats, turn: Floats, shift: Floats) -> Floats:
     return moved
 
 
-def measure(truth: Capture, given: Capture, config: TrainingConfig, out: Path) -> dict[str, Any]:
+def measure(truth: Capture, given: Capture, config: AdaAnchor4DSettings, out: Path) -> dict[str, Any]:
     """Train on `given`, compare with `truth`; takes the result that is there if it is of these very inputs.
 
     Raises:
         InputError: `out` holds a run of another capture or with other settings.
     """
-    from aa4d.model_file import load_model
+    from aa4d.methods.model_file import load_model
     from aa4d.training.run_folder import run_identity
-    from aa4d.training.trainer import model_config_of, settings_of, train
+    from aa4d.training.trainer import description_of, train
 
     result = out / "result.json"
-    settings = settings_of(given, config, model_config_of(given, {}))
+    settings = description_of(given, config)
     made_from = {"run": run_identity(settings).digest(), "capture": truth.identity.digest()}
     identity = Identity("evaluation", digest_of({"version": __version__}), made_from).as_json()
     if result.exists() and (kept := read_json_object(result, "the result of a trial")).get("identity") == identity:
@@ -102,7 +103,7 @@ def held_out_psnr(truth: Capture, loaded: Any, error: PoseError) -> float:
     import torch
 
     from aa4d.evaluation.image_metrics import psnr
-    from aa4d.rendering import render
+    from aa4d.methods.rendering import render
 
     c = truth.camera
     found = []

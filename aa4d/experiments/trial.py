@@ -14,7 +14,8 @@ from aa4d import __version__
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import read_json_object, write_json
-from aa4d.training.config import TrainingConfig
+from aa4d.methods.settings import RunSettings
+from aa4d.training.schedule import schedule_of
 
 Row = dict[str, float | str]
 RESULT = "trial.json"
@@ -26,14 +27,13 @@ class Trial:
     capture: Path
     label: str
     seed: int
-    config: TrainingConfig
-    base: TrainingConfig  # without what the variant changes
-    model: dict[str, Any]  # settings of ModelConfig
+    settings: RunSettings
+    base: RunSettings  # without what the variant changes
     out: Path  # the run's folder
 
     @property
     def iterations(self) -> int:
-        return self.config.total_iterations
+        return schedule_of(self.settings).total
 
     @property
     def name(self) -> str:
@@ -50,9 +50,9 @@ def finished_row(trial: Trial, capture: Capture) -> Row | None:
         InputError: the folder holds a run of another capture or with other settings.
     """
     from aa4d.training.run_folder import check_folder
-    from aa4d.training.trainer import model_config_of, settings_of
+    from aa4d.training.trainer import description_of
 
-    settings = settings_of(capture, trial.config, model_config_of(capture, trial.model))
+    settings = description_of(capture, trial.settings)
     check_folder(trial.out, settings)
     result = trial.out / RESULT
     if not result.exists():
@@ -73,16 +73,18 @@ def _made_by(settings: dict[str, Any]) -> dict[str, str]:
 def run_trial(trial: Trial, progress: Callable[[int], None]) -> Row:
     """Train and score; `progress` hears of the iterations done. Raises what training and evaluation raise."""
     from aa4d.evaluation.evaluate import evaluate
-    from aa4d.training.trainer import model_config_of, settings_of, train
+    from aa4d.training.trainer import description_of, train
+
+    schedule = schedule_of(trial.settings)
 
     def tell(stage: str, iteration: int, *_: object) -> None:
         if iteration % REPORT_EVERY == 0:
-            progress(trial.config.iterations_before(stage) + iteration)
+            progress(schedule.iterations_before(stage) + iteration)
 
     capture = read_capture(trial.capture)
-    train(capture, trial.out, trial.config, tell, variant=trial.model)
+    train(capture, trial.out, trial.settings, tell)
     metrics = evaluate(trial.out, trial.capture, lambda *_: None).as_json()
-    made_by = _made_by(settings_of(capture, trial.config, model_config_of(capture, trial.model)))
+    made_by = _made_by(description_of(capture, trial.settings))
     named: Row = {"capture": trial.capture.name, "variant": trial.label, "seed": trial.seed}
     row = named | numbers(metrics) | made_by
     write_json(trial.out / RESULT, row)

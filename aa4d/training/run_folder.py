@@ -13,13 +13,15 @@ from aa4d.capture.reader import Capture
 from aa4d.errors import InputError
 from aa4d.files import read_json_object, write_json
 from aa4d.identity import Identity, digest_of, identity_of
+from aa4d.methods import DEFAULT
 
 SETTINGS = "config.json"
 
 
-def run_settings(capture: Capture, training: dict[str, Any], model: dict[str, Any]) -> dict[str, Any]:
+def run_settings(capture: Capture, method: str, training: dict[str, Any], model: dict[str, Any]) -> dict[str, Any]:
     """What makes a run this one and no other: the content of `config.json`. The path of the capture is for people."""
-    settings = json.loads(json.dumps({"training": training, "model": model}))  # tuples become lists, as in the file
+    # Through JSON: tuples become lists, as in the file.
+    settings = json.loads(json.dumps({"method": method, "training": training, "model": model}))
     identity = Identity("run", digest_of(settings), {"capture": capture.identity.digest()})
     return {
         "capture": str(capture.folder.resolve()),
@@ -43,7 +45,7 @@ def check_folder(out: Path, wanted: dict[str, Any]) -> None:
         if out.is_dir() and any(not entry.name.startswith(".") for entry in out.iterdir()):
             raise InputError(f"{out}: not empty and not a training run; choose a new folder with --out")
         return
-    found = read_json_object(path, "the settings of a training run")
+    found = {"method": DEFAULT} | read_json_object(path, "the settings of a training run")
     rides, is_to_ride = (bool(s.get("training", {}).get("motion")) for s in (found, wanted))
     if rides != is_to_ride:
         names = {True: "--motion tracks", False: "--motion none"}
@@ -51,9 +53,9 @@ def check_folder(out: Path, wanted: dict[str, Any]) -> None:
             f"{out}: holds a run of {names[rides]}, and {names[is_to_ride]} is asked for (see {path}); "
             "choose a new folder with --out, or delete that one"
         )
-    differences = [difference(found.get(key), wanted[key], key) for key in ("training", "model")]
+    differences = [difference(found.get(key), wanted[key], key) for key in ("method", "training", "model")]
     if not _has_same_capture(found, wanted):
-        differences.insert(0, "capture")
+        differences.insert(1, "capture")
     for different in differences:
         if different is not None:
             raise InputError(

@@ -15,7 +15,7 @@ from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import capture_of, evaluate
 from aa4d.files import write_json
-from aa4d.model_file import copy_model, load_model
+from aa4d.methods.model_file import copy_model, load_model
 from aa4d.training.trainer import train
 from tests.capture.test_content import change_frame, identify
 from tests.toy_run import BRIEF, silent

@@ -20,17 +20,18 @@ from aa4d import __version__
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture, Frame, PinholeCamera, check_frames, frame_of_index, number_of, pinhole_camera
 from aa4d.errors import InputError
-from aa4d.field.aggregation import AGGREGATIONS
-from aa4d.field.warping import CoordinateWarp
 from aa4d.files import whole_file
 from aa4d.identity import Identity, digest_of, identity_of
-from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
+from aa4d.methods import DEFAULT, METHODS, method_of
+from aa4d.methods.anchor_model import AnchorModel
+from aa4d.methods.contract import Method
+from aa4d.methods.scene_model import SceneModel
+from aa4d.methods.tensors import tensor_of
 from aa4d.motion.groups import Groups, blank_groups
 from aa4d.motion.spline import FEWEST_CONTROLS
 
-MODEL_VERSION = 2  # the newest that is read; what no reader of version 1 would miss is still written as 1
+MODEL_VERSION = 3  # the newest that is read; a file has the lowest version whose readers understand it whole
 LONGEST_NAME = 200  # characters, of a group's name
-LARGEST_SIZE = 4096  # of what the header's config counts
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,10 @@ class LoadedModel:
     """A model and what of its header evaluation needs, checked."""
 
     path: Path
-    model: AdaAnchor4D
+    method: str  # a name in `aa4d.methods.METHODS`
+    model: SceneModel
     frame: ModelFrame
-    is_static: bool  # the coarse stage: the canonical anchors hold at every time
+    is_static: bool  # of a canonical stage: the same at every time
     background: tuple[float, float, float]
     training_seconds: float
     identity: Identity  # of what the file holds now
@@ -51,53 +53,26 @@ class LoadedModel:
     frames: tuple[Frame, ...]
 
 
-def file_name_of(parameter: str) -> str:
-    """The tensor's name in the file for a name in the module's state."""
-    return parameter.replace("decoder.", "decoder_", 1).replace("aggregation.predictor.", "acfa.", 1)
-
-
-def _is_plane(parameter: str) -> bool:
-    return parameter.startswith("field.planes.")
-
-
-def as_in_file(parameter: str, value: Tensor) -> Tensor:
-    """A plane is [C, R2, R1] in the file, and every tensor is float32."""
-    return (value.permute(2, 0, 1) if _is_plane(parameter) else value).float()
-
-
-def _as_in_model(parameter: str, value: Tensor) -> Tensor:
-    return value.permute(1, 2, 0) if _is_plane(parameter) and value.dim() == 3 else value
-
-
 def save_model(
     path: Path,
-    model: AdaAnchor4D,
+    method: str,
+    model: SceneModel,
     *,
-    stage: str,
+    is_static: bool,
     capture: Capture,
     frame: ModelFrame,
     background: tuple[float, float, float],
     training: dict[str, Any],
     run: Identity | None = None,
 ) -> None:
-    c = model.config
-    groups = model.groups
+    groups, its = model.groups, method_of(method)
     header = {
         "format": "aa4d-model",
-        "version": 1 if groups is None else 2,
+        "version": 3 if method != DEFAULT else 1 if groups is None else 2,
         "generator": f"aa4d {__version__}",
-        "stage": stage,
-        "config": {
-            "offsets": c.offsets,
-            "feature_dim": c.feature_dim,
-            "embedding_dim": c.embedding_dim,
-            "plane_dim": c.plane_dim,
-            "levels": len(c.spatial_resolutions),
-            "bins": c.bins,
-            "aggregation": c.aggregation,
-            "dlgd": c.dlgd,
-            "dacw": c.dacw,
-        },
+        "method": method,
+        "stage": "coarse" if is_static else "fine",
+        "config": its.header(model),
         "model_to_world": frame.matrix().tolist(),
         "fps": capture.fps,
         "camera": capture.camera.as_json(),
@@ -108,7 +83,8 @@ def save_model(
     }
     if groups is not None:
         header["groups"] = [{"name": name} for name in groups.names]
-    tensors = {file_name_of(name): as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
+    state = model.state_dict()
+    tensors = {its.file_name(name): its.to_file(name, value).contiguous() for name, value in state.items()}
     made_from = {"capture": capture.identity.digest()} | ({} if run is None else {"run": run.digest()})
     header["identity"] = Identity("model", content_of(header, tensors), made_from).as_json()
     _write(path, tensors, header)
@@ -137,26 +113,20 @@ def copy_model(source: Path, target: Path) -> None:
 def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     """Raises InputError: absent, cut short, not safetensors, of a newer version, or not a whole model."""
     header, tensors = read_tensors(path)
-    config = _config(header, tensors, path)
-    n = len(_tensor(tensors, "anchors.position", path))
-    model = blank_model(config, n, _groups(header, tensors, path))
-    state = {name: _as_in_model(name, _tensor(tensors, file_name_of(name), path)) for name in model.state_dict()}
-    for name, value in state.items():
-        if not torch.isfinite(value).all():
-            raise InputError(f"{path}: tensor {file_name_of(name)!r} holds NaN or infinity; train the model again")
-    if model.groups is not None:
-        state["anchors.group"] = _membership(state["anchors.group"], len(model.groups), path)
-        _check_groups(state, path)
-    try:
-        model.load_state_dict(state)
-    except RuntimeError as error:
-        reason = str(error).splitlines()[-1].strip()
-        raise InputError(f"{path}: the tensors do not fit the header's configuration ({reason})") from None
-    if not config.dacw and not torch.equal(model.warp.boundaries, CoordinateWarp(config.bins).boundaries):
-        raise InputError(f"{path}: the header says dacw false, but warp.boundaries are not uniform; train it again")
+    method = _method(header, path)
+    if not isinstance(header.get("config"), dict):
+        raise InputError(f"{path}: the header's config is wrong (no object); train the model again")
+    model = method.blank_of_file(header["config"], tensors, path)
+    if (groups := _groups(header, tensors, path)) is not None:
+        if not isinstance(model, AnchorModel):
+            raise InputError(f"{path}: holds rigid groups, on which nothing of method {method.name!r} rides")
+        model.ride(groups, torch.zeros(len(model), dtype=torch.long))
+    _load_state(model, method, tensors, path)
+    method.check(model, path)
     try:
         return LoadedModel(
             path=path,
+            method=method.name,
             model=model.to(device).eval(),
             frame=_frame(header["model_to_world"]),
             is_static={"coarse": True, "fine": False}[header["stage"]],
@@ -204,57 +174,42 @@ def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     return header, tensors
 
 
-def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> ModelConfig:
-    """Sizes that the header does not state stand in the tensors' shapes."""
+def _method(header: dict[str, Any], path: Path) -> Method[Any]:
+    """The default one for a file of before there were several."""
+    name = header.get("method", DEFAULT)
+    if not isinstance(name, str) or name not in METHODS:
+        raise InputError(f"{path}: method {name!r} is unknown (known: {', '.join(METHODS)}); update aa4d")
+    return method_of(name)
+
+
+def _load_state(model: SceneModel, method: Method[Any], tensors: dict[str, Tensor], path: Path) -> None:
+    state = {}
+    for name in model.state_dict():
+        value = method.from_file(name, tensor_of(tensors, method.file_name(name), path))
+        if not torch.isfinite(value).all():
+            raise InputError(f"{path}: tensor {method.file_name(name)!r} holds NaN or infinity; train the model again")
+        state[name] = value
+    if model.groups is not None:
+        state["anchors.group"] = _membership(state["anchors.group"], len(model.groups), path)
+        _check_groups(state, path)
     try:
-        value = header["config"]
-        if not isinstance(value, dict):
-            raise TypeError("config is no object")
-        for name in ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins"):
-            if not 1 <= int(value[name]) <= LARGEST_SIZE:  # a damaged one must not fill the memory
-                raise ValueError(f"{name} is {value[name]}")
-        aggregation = value.get("aggregation", "acfa")
-        if aggregation not in AGGREGATIONS:
-            raise InputError(
-                f"{path}: aggregation {aggregation!r} is unknown (known: {', '.join(AGGREGATIONS)}); update aa4d"
-            )
-        dlgd, dacw = _switch(value, "dlgd", path), _switch(value, "dacw", path)
-        has_predictor = "acfa.hidden.bias" in tensors
-        levels = range(int(value["levels"]))
-        planes = [_tensor(tensors, f"field.planes.{level}.xt", path) for level in levels]
-        return ModelConfig(
-            offsets=int(value["offsets"]),
-            feature_dim=int(value["feature_dim"]),
-            embedding_dim=int(value["embedding_dim"]),
-            plane_dim=int(value["plane_dim"]),
-            spatial_resolutions=tuple(p.shape[2] for p in planes),
-            temporal_resolution=planes[0].shape[1],
-            dlgd=dlgd,
-            dacw=dacw,
-            bins=int(value["bins"]),
-            weight_hidden=len(tensors["acfa.hidden.bias"]) if has_predictor else ModelConfig.weight_hidden,
-            geometry_hidden=len(_tensor(tensors, "dlgd_scale.hidden.bias", path))
-            if dlgd
-            else ModelConfig.geometry_hidden,
-            encoder_width=len(_tensor(tensors, "encoder.bias", path)),
-            decoder_hidden=len(_tensor(tensors, "decoder_opacity.hidden.bias", path)),
-            aggregation=aggregation,
-        )
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: the header's config is wrong ({error!r}); train the model again") from None
+        model.load_state_dict(state)
+    except RuntimeError as error:
+        reason = str(error).splitlines()[-1].strip()
+        raise InputError(f"{path}: the tensors do not fit the header's configuration ({reason})") from None
 
 
 def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Groups | None:
     """Blank ones of the file's shapes; None for a file without."""
-    if header["version"] < 2:
-        if "anchors.group" in tensors:
-            raise InputError(f"{path}: version 1 knows no rigid groups, but the file holds some; train the model again")
+    if header["version"] < 2 and "anchors.group" in tensors:
+        raise InputError(f"{path}: version 1 knows no rigid groups, but the file holds some; train the model again")
+    if header["version"] < 2 or (header["version"] > 2 and "groups" not in header):
         return None
     try:
         names = tuple(group["name"][:LONGEST_NAME] for group in header["groups"])
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: the header's groups are damaged ({error!r}); train the model again") from None
-    position = _tensor(tensors, "groups.position", path)
+    position = tensor_of(tensors, "groups.position", path)
     if position.dim() != 3 or position.shape[0] != len(names) or position.shape[1] < FEWEST_CONTROLS:
         raise InputError(
             f"{path}: groups.position has shape {tuple(position.shape)}, expected [{len(names)}, C, 3] with C of at "
@@ -278,14 +233,6 @@ def _check_groups(state: dict[str, Tensor], path: Path) -> None:
         raise InputError(f"{path}: groups.shown holds times that go back; train the model again")
 
 
-def _switch(config: dict[str, Any], name: str, path: Path) -> bool:
-    """A part of the model that can be off; a file that does not say has it."""
-    value = config.get(name, True)
-    if not isinstance(value, bool):
-        raise InputError(f"{path}: config.{name} is {value!r}, expected true or false; train the model again")
-    return value
-
-
 def _frame(value: Any) -> ModelFrame:
     """Raises ValueError for anything but a uniform scale and a translation."""
     frame = ModelFrame.from_matrix(np.array(value, np.float64).reshape(4, 4))
@@ -305,12 +252,6 @@ def _background(value: Any) -> tuple[float, float, float]:
     if not np.isfinite([red, green, blue]).all():
         raise ValueError("background is not finite")
     return red, green, blue
-
-
-def _tensor(tensors: dict[str, Tensor], name: str, path: Path) -> Tensor:
-    if name not in tensors:
-        raise InputError(f"{path}: tensor {name!r} is missing; train the model again")
-    return tensors[name].float()
 
 
 def _relative(target: Path, start: Path) -> str:
