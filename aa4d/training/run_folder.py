@@ -56,7 +56,7 @@ def check_folder(out: Path, wanted: dict[str, Any]) -> None:
         )
     differences = [difference(found.get(key), wanted[key], key) for key in ("method", "training", "model")]
     if not _has_same_capture(found, wanted):
-        differences.insert(0, "capture")
+        differences.insert(1, "capture")
     for different in differences:
         if different is not None:
             raise InputError(
