@@ -174,6 +174,7 @@ def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
     together = parts.parts(obj)  # found now: which belong together is told by the content that they show
     for part in together:
         playback.check_fits(part, loaded)
+    parts.make_own(together)
     for part in together:
         settings = part.aa4d
         settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path

@@ -66,6 +66,8 @@ LOOK_MODIFIER = "AdaAnchor4D"
 
 VERSION_PROPERTY = "aa_version"  # on node groups and materials: which version of the builder made them
 STAMP_PROPERTY = "aa_stamp"  # on the mesh: what its attributes were evaluated for
+PLACED_PROPERTY = "aa_placed"  # on the mesh: the time that its positions were evaluated for, and their checksum
+MAP_PROPERTY = "aa_map"  # on the mesh: 4 x 4 numbers, from the model's metres to the mesh's; absent where they agree
 
 FIRST_FRAME = 1  # the timeline's frame of the clip's first frame, unless a person moves it
 

@@ -1,5 +1,7 @@
 """The panels in the 3D view's sidebar."""
 
+import textwrap
+
 import bpy
 from bpy.app.translations import pgettext_iface as translated
 
@@ -15,6 +17,9 @@ TIME_INPUTS = (
     time_nodes.BY_HAND,
     time_nodes.TIME,
 )
+# Of the sidebar, in pixels at a resolution scale of 1: Blender's default width, what its tabs and edges take, and a
+# letter in the mean, wide ones in the majority.
+DEFAULT_WIDTH, MARGINS, LETTER = 220, 50, 6.2
 
 
 class SidebarPanel:
@@ -46,17 +51,18 @@ class ImportPanel(SidebarPanel, bpy.types.Panel):
         if vehicles:
             text = translated("{} vehicles").format(len(vehicles))
             column.label(text=text, icon="AUTO", translate=False)
+        problem = playback.problems.get(obj.session_uid)
         if obj.aa4d.playback == "BAKED":
             column.label(text="Baked", icon="CHECKMARK")
+        elif problem is not None:
+            column.label(text="Stands Still", icon="ERROR")
+            _draw_text(layout, context, problem)
+            layout.operator(operators.Relink.bl_idname, icon="LINKED")
         else:
             costs = [playback.milliseconds.get(part.session_uid) for part in parts.parts(obj)]
             cost = sum(ms for ms in costs if ms is not None) or None
             text = translated("Live") if cost is None else translated("Live: {:.1f} ms a frame").format(cost)
             column.label(text=text, icon="TIME", translate=False)
-        problem = playback.problems.get(obj.session_uid)
-        if problem is not None:
-            layout.label(text=problem, icon="ERROR", translate=False)
-            layout.operator(operators.Relink.bl_idname, icon="LINKED")
 
 
 class ObjectPanel(SidebarPanel):
@@ -186,6 +192,15 @@ class OutputPanel(ObjectPanel, bpy.types.Panel):
         layout.operator(operators.ExportPly.bl_idname, icon="EXPORT")
         layout.operator(operators.ExportUsd.bl_idname, icon="EXPORT")
         layout.operator(operators.Relink.bl_idname, icon="LINKED")
+
+
+def _draw_text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    """A text in as many lines as the panel's width asks for: Blender cuts what is longer."""
+    region = context.region
+    width = DEFAULT_WIDTH if region is None else region.width / context.preferences.system.ui_scale
+    column = layout.column(align=True)
+    for line in textwrap.wrap(text, max(12, int((width - MARGINS) / LETTER))):
+        column.label(text=line, translate=False)
 
 
 def _draw_inputs(

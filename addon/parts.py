@@ -1,6 +1,6 @@
 """The objects that one import made: its lead, which shows the world, and its vehicles, the lead's children."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import bpy
@@ -46,6 +46,16 @@ def shown_with(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
     yield obj
     if lead(obj) == obj:
         yield from (part for part in parts(obj)[1:] if part.visible_get())
+
+
+def make_own(objects: Sequence[bpy.types.Object]) -> None:
+    """Give objects that share their mesh with others a copy of it, before it is changed: the others keep theirs."""
+    own, copies = set(objects), {}
+    shared = {obj.data for obj in bpy.data.objects if obj not in own}
+    for obj in objects:
+        if obj.data in shared:
+            copies[obj.data] = copies.get(obj.data) or obj.data.copy()
+            obj.data = copies[obj.data]
 
 
 def key_of(obj: bpy.types.Object) -> tuple[str, str]:
@@ -129,6 +139,7 @@ def make_handle(model: Model, group: int, name: str) -> bpy.types.Object:
     handle = bpy.data.objects.new(name, None)
     handle.empty_display_type, handle.empty_display_size = "ARROWS", HANDLE_M
     handle.rotation_mode = "QUATERNION"
+    handle[names.GROUP.name] = group
     poses = [model.groups.at(model.time_of_rank(rank)) for rank in range(model.frame_count)]
     places = model.scale * np.array([pose.position[group] for pose in poses]) + model.translation
     turns = camera.in_one_hemisphere(np.array([pose.quaternions()[group] for pose in poses]))
