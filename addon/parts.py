@@ -50,7 +50,8 @@ def shown_with(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
 
 def make_own(objects: Sequence[bpy.types.Object]) -> None:
     """Give objects that share their mesh with others a copy of it, before it is changed: the others keep theirs."""
-    own, copies = set(objects), {}
+    own = set(objects)
+    copies: dict[bpy.types.Mesh, bpy.types.Mesh] = {}
     shared = {obj.data for obj in bpy.data.objects if obj not in own}
     for obj in objects:
         if obj.data in shared:
@@ -133,8 +134,9 @@ def forget_times() -> None:
     _times.clear()
 
 
-def make_handle(model: Model, group: int, name: str) -> bpy.types.Object:
-    """An empty that rides on a group's trajectory with a key a frame: to parent lamps and cameras to, to aim at."""
+def make_handle(model: Model, group: int, name: str, stretch: float) -> bpy.types.Object:
+    """An empty that rides on a group's trajectory with a key a frame of the clip, `stretch` frames of the timeline
+    apart: to parent lamps and cameras to, to aim at."""
     assert model.groups is not None
     handle = bpy.data.objects.new(name, None)
     handle.empty_display_type, handle.empty_display_size = "ARROWS", HANDLE_M
@@ -143,6 +145,6 @@ def make_handle(model: Model, group: int, name: str) -> bpy.types.Object:
     poses = [model.groups.at(model.time_of_rank(rank)) for rank in range(model.frame_count)]
     places = model.scale * np.array([pose.position[group] for pose in poses]) + model.translation
     turns = camera.in_one_hemisphere(np.array([pose.quaternions()[group] for pose in poses]))
-    camera.animate(handle, "location", places)
-    camera.animate(handle, "rotation_quaternion", turns)
+    camera.animate(handle, "location", places, stretch)
+    camera.animate(handle, "rotation_quaternion", turns, stretch)
     return handle

@@ -46,7 +46,8 @@ class ImportModel(bpy.types.Operator, ImportHelper):
     )
     set_timeline: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Set Timeline",
-        description="Set the scene's frame range, frame rate and resolution to the clip's",
+        description="Set the scene's frame range, frame rate and resolution to the clip's. Where something is animated "
+        "already the rate stays, and the clip plays by its seconds",
         default=True,
     )
     set_up_scene: bpy.props.BoolProperty(  # type: ignore[valid-type]
@@ -103,8 +104,8 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             imported = importer.import_model(self.filepath, context.scene, context.collection, options)
             if self.bake:
                 bake_now(context, imported.points, bake.BakeOptions())
-        except ModelFileError as error:
-            self.report({"ERROR"}, str(error))
+        except (ModelFileError, MemoryError) as error:
+            self.report({"ERROR"}, str(error) or translated("There is not enough memory for this import"))
             return {"CANCELLED"}
         for obj in context.selected_objects:
             obj.select_set(False)
@@ -116,6 +117,10 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         text = message.format(count, imported.model.frame_count)
         if len(together) > 1:
             text += translated("; {} vehicles").format(len(together) - 1)
+        if imported.stretch != 1:
+            render = context.scene.render
+            rate = render.fps / render.fps_base
+            text += translated("; {:.4g} frames a second in a scene of {:.4g}").format(imported.model.fps, rate)
         self.report({"INFO"}, text)
         return {"FINISHED"}
 

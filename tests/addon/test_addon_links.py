@@ -1,5 +1,6 @@
 """Files that the packaged extension reads or belongs to: changed, moved, appended, linked, or beside the model."""
 
+import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -112,3 +113,54 @@ def test_more_points_than_allowed_are_refused(bpy: Any, model_path: Path) -> Non
         bpy.ops.aa4d.import_model(filepath=str(model_path), carrier="GAUSSIANS", largest=100)
     assert not bpy.data.objects
     assert not bpy.data.meshes
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        "frames/\0.png",
+        "frames/{}.png".format("1" * 5000),
+        "frames/999999999999.png",
+        "a" * 300 + "1.png",
+        "\udcff1.png",
+    ],
+)
+def test_image_name_that_none_can_have_leaves_the_footage_out(bpy: Any, tmp_path: Path, image: str, capfd: Any) -> None:
+    capture = tmp_path / "capture"
+    (capture / "frames").mkdir(parents=True)
+    (capture / "capture.json").write_text(json.dumps({"format": "aa4d-capture"}))
+    tensors, information = make_model(20, 1)
+    information["capture"], information["frames"][0]["image"] = "capture", image
+    for place in ("frames/999999999999.png", "\udcff1.png"):
+        (capture / place).write_bytes(b"no picture")
+    imported(bpy, write_model(tmp_path / "model.safetensors", tensors, information))
+    camera = next(o for o in bpy.data.objects if o.type == "CAMERA")
+    assert not [b for b in camera.data.background_images if b.image.has_data]
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize("failing", ["create_camera", "show_frames", "set_timeline", "_make_vehicles"])
+def test_failure_leaves_no_half_an_import(
+    bpy: Any, extension: str, tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_model(tmp_path / "model.safetensors", *make_model(60, FRAMES, groups=3))
+    importer = importlib.import_module(f"{extension}.importer")
+
+    def fail(*_: Any) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(importer, failing, fail)
+    with pytest.raises(RuntimeError, match="not enough memory for this import"):
+        bpy.ops.aa4d.import_model(filepath=str(path))
+    for kind in ("objects", "meshes", "cameras", "collections", "actions", "images"):
+        assert not list(getattr(bpy.data, kind))
+    assert bpy.context.scene.frame_end == 250
+
+
+def test_folder_whose_name_is_not_utf_8_is_refused_in_one_line(bpy: Any, tmp_path: Path) -> None:
+    """Blender could not remember where the model is."""
+    folder = tmp_path / "gef\udcfchrt"
+    folder.mkdir()
+    with pytest.raises(RuntimeError, match=r"^Error: [^\n]*gef\?hrt[^\n]*rename it\.\s*$"):
+        bpy.ops.aa4d.import_model(filepath=str(write_model(folder / "model.safetensors", *make_model(20, FRAMES))))
+    assert not bpy.data.objects
