@@ -88,6 +88,34 @@ def look_group() -> bpy.types.NodeTree:
     return group
 
 
+def shown_group() -> bpy.types.NodeTree:
+    """The points themselves, in the colours and sizes that the look draws them with, and which of them it draws.
+
+    For exports: the inputs are made in the order of `look_group`, so that values and animation survive the change.
+    """
+    group, made = versioned_group("AdaAnchor4D Shown", VERSION)
+    if not made:
+        return group
+    tree = Tree(group)
+    _make_inputs(tree)
+    tree.menu("FLOAT", LOOK, [(look, LOOKS[look], 0.0) for look in LOOKS])  # unused: it keeps the menu's items
+    geometry = _colored(tree, tree.input("Geometry"))
+    geometry = tree.store(geometry, names.SHOWN, _shown(tree))
+    radius = tree.math("MULTIPLY", tree.named(names.RADIUS.name, names.RADIUS.type), tree.input(SIZE))
+    geometry = tree.store(geometry, names.RADIUS, radius)
+    tree.finish(tree.store(geometry, names.SCALE, _sized(tree)))
+    return group
+
+
+def _sized(tree: Tree) -> Any:
+    """The scales of the points, larger by the input."""
+    size = tree.group.nodes.new("ShaderNodeVectorMath")
+    size.operation = "SCALE"
+    tree.set(size.inputs[0], tree.named(names.SCALE.name, names.SCALE.type))
+    tree.set(socket(size.inputs, "Scale"), tree.input(SIZE))
+    return size.outputs[0]
+
+
 def _trail_length(tree: Tree, geometry: Any) -> Any:
     """How many ghosts there are, as one number for all points."""
     sample = tree.group.nodes.new("GeometryNodeSampleIndex")

@@ -88,3 +88,9 @@ def put(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
         return
     items = _inputs(modifier.node_group)[name].items
     owner[path[2:-2]] = items.index(value) if items else value
+
+
+def values_of(modifier: bpy.types.Modifier) -> dict[str, Any]:
+    """The values of all inputs, which hold when the modifier is given another group."""
+    values = {item.name: get(modifier, item.name) for item in inputs_of(modifier.node_group)}
+    return {name: tuple(v) if hasattr(v, "__len__") and not isinstance(v, str) else v for name, v in values.items()}

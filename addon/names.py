@@ -26,6 +26,7 @@ DISPLACEMENT = Attribute("aa_displacement", "FLOAT")  # metres from the canonica
 SPEED = Attribute("aa_speed", "FLOAT")  # metres a second of the anchor
 GROUP = Attribute("aa_group", "INT")  # the vehicle that the anchor rides on, its number from 0; -1 for the world
 ACTIVITY = Attribute("aa_activity", "INT")  # the label of the capture's truth; -1 where it has none
+SHOWN = Attribute("aa_shown", "BOOLEAN")  # whether the filters let the point through; only in what exports read
 TRAIL = Attribute("aa_trail", "INT")  # how many earlier positions there are
 TRAIL_PREFIX = "aa_trail_"
 PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")

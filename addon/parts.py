@@ -1,6 +1,6 @@
 """The objects that one import made: its lead, which shows the world, and its vehicles, the lead's children."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -41,11 +41,9 @@ def parts(obj: bpy.types.Object) -> list[bpy.types.Object]:
     return [first, *(child for child in first.children if is_imported(child) and lead(child) == first)]
 
 
-def shown_with(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
-    """The object, and, where it is a lead, its vehicles that a person sees."""
-    yield obj
-    if lead(obj) == obj:
-        yield from (part for part in parts(obj)[1:] if part.visible_get())
+def shown_with(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """What a person sees of the object and, where it is a lead, of its vehicles."""
+    return [part for part in (parts(obj) if lead(obj) == obj else [obj]) if part.visible_get()]
 
 
 def make_own(objects: Sequence[bpy.types.Object]) -> None:

@@ -45,12 +45,23 @@ def stretch(scene: bpy.types.Scene, model: Model) -> float:
     return 1.0 if abs(ratio - 1) < SAME_RATE else ratio
 
 
+def has_cycles(scene: bpy.types.Scene) -> bool:
+    """Whether Cycles is there: it is an add-on, which can be switched off or left out of a build."""
+    return hasattr(scene, "cycles")
+
+
+def use_cycles(scene: bpy.types.Scene) -> None:
+    """Cycles, with bounces enough for Gaussians."""
+    scene.render.engine = "CYCLES"
+    scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, TRANSPARENT_BOUNCES)
+
+
 def set_up_scene(scene: bpy.types.Scene, camera: bpy.types.Object | None, model: Model) -> None:
-    """The drone camera, colours as trained (Standard view transform), the model's background, Cycles for Gaussians."""
+    """The drone camera, colours as trained (Standard view transform), the model's background, Cycles where it is."""
     if camera is not None:
         scene.camera = camera
-    scene.render.engine = "CYCLES"
-    scene.cycles.transparent_max_bounces = TRANSPARENT_BOUNCES
+    if has_cycles(scene):
+        use_cycles(scene)
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
     world = bpy.data.worlds.new("AdaAnchor4D Background")

@@ -8,6 +8,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from .. import bake, importer, look_nodes, materials, names, parts, properties
 from ..container import ModelFileError
+from ..scene import has_cycles
 from .baking import bake_now
 
 LOOK_ITEMS = (
@@ -122,6 +123,8 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             rate = render.fps / render.fps_base
             text += translated("; {:.4g} frames a second in a scene of {:.4g}").format(imported.model.fps, rate)
         self.report({"INFO"}, text)
+        if self.set_up_scene and not has_cycles(context.scene):
+            self.report({"WARNING"}, translated("Cycles is switched off: the render engine stays as it was"))
         return {"FINISHED"}
 
 

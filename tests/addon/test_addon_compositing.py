@@ -156,6 +156,19 @@ def test_passes_hold_depth_and_anchor(bpy: Any, tmp_path: Path) -> None:
     assert 30 < depth[27, 48] < 60
 
 
+def test_blender_without_cycles_says_so(bpy: Any, model_path: Path, capfd: Any) -> None:
+    bpy.ops.preferences.addon_disable(module="cycles")
+    try:
+        capfd.readouterr()
+        imported(bpy, model_path, set_up_scene=True)
+        assert "Cycles is switched off" in "".join(capfd.readouterr())
+        assert bpy.context.scene.camera is not None
+        assert not bpy.ops.aa4d.set_up_compositing.poll()
+    finally:
+        bpy.ops.preferences.addon_enable(module="cycles")
+    assert bpy.ops.aa4d.set_up_compositing.poll()
+
+
 def moving_point(tmp_path: Path) -> Path:
     """One anchor that crosses the picture evenly, drawn large and white on black."""
     tensors, information = make_model(1, 5)
