@@ -34,8 +34,10 @@ class Scalar(NamedTuple):
 
 
 SCALARS = {
-    "Displacement": Scalar("How far the anchor is from its canonical place", "m", (0, 2), (names.DISPLACEMENT,)),
-    "Speed": Scalar("How fast the anchor moves", "m/s", (0, 15), (names.SPEED,)),
+    "Displacement": Scalar(
+        "How far the anchor, or its vehicle with it, is from its canonical place", "m", (0, 2), (names.DISPLACEMENT,)
+    ),
+    "Speed": Scalar("How fast the anchor moves, with its vehicle if it has one", "m/s", (0, 15), (names.SPEED,)),
     "Plane Weight": Scalar("The weight of one plane, mean over the channels", "", (0, 1 / 3), names.WEIGHTS),
     "Motion Share": Scalar("The weight of the three planes that have time", "", (0.3, 0.7), names.WEIGHTS),
     "Opacity": Scalar("As trained", "", (0, 1), ()),

@@ -46,6 +46,11 @@ def shown_with(obj: bpy.types.Object) -> list[bpy.types.Object]:
     return [part for part in (parts(obj) if lead(obj) == obj else [obj]) if part.visible_get()]
 
 
+def has_vehicles(obj: bpy.types.Object) -> bool:
+    """Whether the model of an imported object knows vehicles that its anchors ride on."""
+    return names.GROUP.name in obj.data.attributes
+
+
 def make_own(objects: Sequence[bpy.types.Object]) -> None:
     """Give objects that share their mesh with others a copy of it, before it is changed: the others keep theirs."""
     own = set(objects)

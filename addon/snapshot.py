@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from . import affine, look_nodes, materials, modifiers, names, points
+from . import affine, look_nodes, materials, modifiers, names, parts, points
 from .container import Floats
 
 
@@ -107,5 +107,6 @@ def statistics(obj: bpy.types.Object, chosen: npt.NDArray[np.bool_]) -> list[str
         if attribute.name in mesh.attributes:
             values = points.read(mesh, attribute.name)[chosen]
             word = attribute.name.removeprefix("aa_")
+            word += "" if parts.has_vehicles(obj) else " of the anchors"  # which traffic passes along
             lines.append(f"{word} {values.mean():.2f} {unit} in the mean, {values.max():.2f} at most")
     return lines

@@ -6,7 +6,7 @@ import bpy
 from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ImportHelper
 
-from .. import bake, importer, look_nodes, materials, names, parts, properties
+from .. import bake, first_sight, importer, look_nodes, materials, names, parts, properties
 from ..container import ModelFileError
 from ..scene import has_cycles
 from .baking import bake_now
@@ -64,6 +64,11 @@ class ImportModel(bpy.types.Operator, ImportHelper):
     bake: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Bake", description="Bake the clip at once: plays back without the model file and this add-on"
     )
+    show: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Show at Once",
+        description="Let the 3D views show the colours, in Material Preview, and look at the scene as the drone does",
+        default=True,
+    )
     largest: bpy.props.IntProperty(  # type: ignore[valid-type]
         name="Most Points",
         description="Refuse more points than this: a million Gaussians take about a gigabyte",
@@ -113,6 +118,8 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         imported.points.select_set(True)
         context.view_layer.objects.active = imported.points
         together = parts.parts(imported.points)
+        if self.show:
+            first_sight.show(context.screen, together, imported.model)
         message = translated("Imported {:,} points over {} frames; Material Preview shows their colours")
         count = sum(len(part.data.vertices) for part in together)
         text = message.format(count, imported.model.frame_count)
