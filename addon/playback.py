@@ -44,6 +44,14 @@ class Loaded:
     content: str  # hash of the file
     frames: dict[str, dict[names.Attribute, Floats]] = dataclasses.field(default_factory=dict)  # by stamp
     trails: dict[tuple[str, int], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
+    center: dict[float, Doubles] = dataclasses.field(default_factory=dict)  # of the capture's camera, at the last t
+
+    def camera_center(self, t: float) -> Doubles:
+        """`Model.camera_center_at`, remembered: all objects of an import ask for the same."""
+        if t not in self.center:
+            self.center.clear()
+            self.center[t] = self.field.model.camera_center_at(t)
+        return self.center[t]
 
     def frame(
         self, stamp: str, carrier: str, t: float, center: Doubles, wanted: frozenset[names.Attribute]
@@ -178,7 +186,7 @@ def camera_center(
         if depsgraph is not None:
             camera, obj = camera.evaluated_get(depsgraph), obj.evaluated_get(depsgraph)
         return seen_from(obj, camera)
-    return loaded.field.model.camera_center_at(t)
+    return loaded.camera_center(t)
 
 
 def seen_from(obj: bpy.types.Object, camera: bpy.types.Object) -> Doubles:
@@ -205,16 +213,17 @@ def show(
     depsgraph: bpy.types.Depsgraph | None = None,
     wanted: frozenset[names.Attribute] | None = None,
     together: frozenset[names.Attribute] = frozenset(),
+    loaded: Loaded | None = None,
 ) -> None:
     """Set the object's attributes to their values at the scene's (fractional) frame; does nothing if they are.
 
-    `wanted` is `wanted_of` the object where that is known; `together` is what the other objects of this model want:
-    evaluated with it, the frame serves them too.
+    `wanted` is `wanted_of` the object and `loaded` its model, where they are known; `together` is what the other
+    objects of this model want: evaluated with it, the frame serves them too.
 
     Raises:
         ModelFileError: as `loaded_of`.
     """
-    loaded = loaded_of(obj)
+    loaded = loaded_of(obj) if loaded is None else loaded
     mesh, carrier = obj.data, obj.aa4d.carrier
     moment = moment_of(obj, loaded, scene, depsgraph)
     if wanted is None:
@@ -301,7 +310,12 @@ def refresh(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None
     orphans = [obj for obj in alone if parts.keep_time(obj)]
     if orphans:
         depsgraph = None  # its copies do not have the time yet that was just given back
-    live = live_objects(scene)
+    with modifiers.unchanged_groups():
+        _show_all(live_objects(scene), scene, depsgraph)
+
+
+def _show_all(live: list[bpy.types.Object], scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> None:
+    """Bring these objects to the current frame; what is wrong with one is said and leaves the others alone."""
     for obj in live:
         if not is_ours(obj):
             _say(obj, STANDS_STILL)
@@ -311,6 +325,7 @@ def refresh(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None
     for obj in live:
         key = parts.key_of(obj)
         together[key] = together.get(key, frozenset()) | wanted[obj]
+    found: dict[tuple[str, ...], Loaded] = {}
     for users in _users_of_meshes(live):
         needed = frozenset().union(*(wanted[obj] for obj in users))
         for obj in users:
@@ -319,7 +334,10 @@ def refresh(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None
                     _separate(obj, users[0], scene, depsgraph)
                     if obj.data == users[0].data:
                         continue
-                show(obj, scene, depsgraph, needed, together[parts.key_of(obj)])
+                link = (obj.aa4d.filepath, obj.aa4d.last_place, obj.aa4d.content)
+                if link not in found:  # once for all objects of an import: it asks for the file
+                    found[link] = loaded_of(obj)
+                show(obj, scene, depsgraph, needed, together[parts.key_of(obj)], found[link])
                 problems.pop(obj.session_uid, None)
             except (ModelFileError, MemoryError) as error:
                 _say(obj, str(error) or "there is not enough memory for this frame.")
