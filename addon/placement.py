@@ -14,6 +14,7 @@ from .field import Field
 from .model import Doubles
 
 (POSITION_KEY,) = names.keys_of((names.POSITION,))
+FIRST_KEY = names.key_name(POSITION_KEY, 0)
 
 
 def map_of(mesh: bpy.types.Mesh) -> Doubles | None:
@@ -54,16 +55,18 @@ def follow_live(obj: bpy.types.Object, field: Field, rows: slice | np.ndarray) -
     return not _keep(mesh, affine.fit(raw, now))
 
 
+def has_keys(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh is one of `show_first_key`."""
+    return FIRST_KEY in mesh.attributes and names.PLACED_PROPERTY in mesh
+
+
 def follow_baked(mesh: bpy.types.Mesh) -> None:
-    """Bring the keys of a baked mesh to where a person has moved its points; needs no model."""
-    kept, first = mesh.get(names.PLACED_PROPERTY), names.key_name(POSITION_KEY, 0)
-    if kept is None or first not in mesh.attributes or not len(mesh.vertices):
-        return
-    t, known = kept.split()
+    """Bring the keys of a baked mesh (`has_keys`) to where a person has moved its points; needs no model."""
+    t, known = mesh[names.PLACED_PROPERTY].split()
     now = points.read(mesh, names.POSITION.name)
-    if _sum(now) == known:
+    if not len(now) or _sum(now) == known:
         return
-    key = points.read(mesh, first)
+    key = points.read(mesh, FIRST_KEY)
     if not affine.same_places(key, now):
         matrix, before = affine.fit(key, now), map_of(mesh)
         if matrix is not None:
@@ -74,7 +77,7 @@ def follow_baked(mesh: bpy.types.Mesh) -> None:
 
 def show_first_key(mesh: bpy.types.Mesh, t: float) -> None:
     """Set the mesh itself, below its modifiers, to its first key, which is of time t: `follow_baked` compares them."""
-    points.write(mesh, names.POSITION.name, names.POSITION.type, points.read(mesh, names.key_name(POSITION_KEY, 0)))
+    points.write(mesh, names.POSITION.name, names.POSITION.type, points.read(mesh, FIRST_KEY))
     remember(mesh, t)
     mesh.update()
 

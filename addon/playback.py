@@ -373,7 +373,9 @@ def _separate(
 
 def _follow_baked(mesh: bpy.types.Mesh) -> None:
     """Keep what a person did to the points of a baked mesh."""
-    users = [obj for obj in bpy.data.objects if obj.data == mesh] if names.PLACED_PROPERTY in mesh else []
+    if not placement.has_keys(mesh):
+        return
+    users = [obj for obj in bpy.data.objects if obj.data == mesh]
     if users and all(obj.aa4d.playback == "BAKED" and obj.mode == "OBJECT" for obj in users):
         placement.follow_baked(mesh)
 
