@@ -27,7 +27,7 @@ from .camera import capture_folder, create_camera, show_frames
 from .container import Floats, ModelFileError
 from .field import Field, Indices
 from .model import Model
-from .scene import extend_timeline, is_timed, set_timeline, set_up_scene, stretch
+from .scene import SAME_RATE, extend_timeline, is_timed, set_timeline, set_up_scene, stretch
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def _make_object(name: str, place: _Place, rows: Indices) -> bpy.types.Object:
     settings = obj.aa4d
     settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
     settings.last_place, settings.content = path, loaded.content
-    settings.carrier, settings.view = options.carrier, options.view
+    settings.carrier, settings.view, settings.fps = options.carrier, options.view, field.model.fps
     settings.frozen_view = field.model.camera_center_at(0.5)
     time = bake.time_modifier(obj)
     modifiers.put(time, time_nodes.CLIP_FRAMES, field.model.frame_count)
@@ -214,7 +214,11 @@ def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
         settings = part.aa4d
         settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
         settings.last_place, settings.content = path, loaded.content
-        modifiers.put(bake.time_modifier(part), time_nodes.CLIP_FRAMES, loaded.field.model.frame_count)
+        time, fps = bake.time_modifier(part), loaded.field.model.fps
+        modifiers.put(time, time_nodes.CLIP_FRAMES, loaded.field.model.frame_count)
+        if settings.fps > 0 and abs(fps / settings.fps - 1) > SAME_RATE:  # what plays by its seconds goes on doing so
+            modifiers.put(time, time_nodes.SPEED, modifiers.get(time, time_nodes.SPEED) * fps / settings.fps)
+        settings.fps = fps
         repeats = carriers.points_per_anchor(loaded.field, settings.carrier)
         _write_groups(part.data, loaded.field, points.ids(part.data) // repeats)
         playback.problems.pop(part.session_uid, None)

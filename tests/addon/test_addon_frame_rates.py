@@ -91,3 +91,12 @@ def test_rate_of_a_scene_with_animation_stays(bpy: Any, tmp_path: Path) -> None:
     width = scene.render.resolution_x
     imported(bpy, a_clip(tmp_path, 12))
     assert (rate_of(scene), scene.frame_end, scene.render.resolution_x) == (30, 100, width)
+
+
+def test_relinked_clip_of_another_rate_keeps_its_seconds(bpy: Any, tmp_path: Path) -> None:
+    obj = imported(bpy, a_clip(tmp_path / "fast", 24))
+    expected = clip_positions(bpy, obj, [0, 2])
+    assert bpy.ops.aa4d.relink(filepath=str(a_clip(tmp_path / "slow", 12))) == {"FINISHED"}
+    for rank, places in zip((0, 2), expected, strict=True):
+        go_to(bpy, 1 + 2 * rank)
+        np.testing.assert_allclose(attribute(obj.data, "position"), places, atol=1e-3)
