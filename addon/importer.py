@@ -18,6 +18,7 @@ from . import (
     modifiers,
     names,
     parts,
+    placement,
     playback,
     points,
     properties,
@@ -224,6 +225,7 @@ def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
         playback.problems.pop(part.session_uid, None)
     for part in together:
         if part.aa4d.playback == "LIVE":
+            placement.forget(part.data)
             playback.show(part, scene)
 
 

@@ -34,6 +34,11 @@ def remember(mesh: bpy.types.Mesh, t: float) -> None:
     mesh[names.PLACED_PROPERTY] = f"{float(t)!r} {_sum(points.read(mesh, names.POSITION.name))}"
 
 
+def forget(mesh: bpy.types.Mesh) -> None:
+    """Do not compare the points with the model: from now on it is another one."""
+    mesh.pop(names.PLACED_PROPERTY, None)
+
+
 def follow_live(obj: bpy.types.Object, field: Field, rows: slice | np.ndarray) -> bool:
     """Before the points of a live object are overwritten: remember where a person has moved all of them since.
 

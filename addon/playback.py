@@ -261,8 +261,7 @@ def show(
 
 def _stamp(loaded: Loaded, carrier: str, moment: Moment, wanted: frozenset[names.Attribute]) -> str:
     """What tells apart two states of a mesh."""
-    place = f"{carrier} {moment.t!r} {list(moment.center)}"
-    return f"{loaded.content} {place} {sorted(a.name for a in wanted)} {moment.trail}"
+    return f"{loaded.content} {carrier} {moment.t!r} {moment.center} {sorted(a.name for a in wanted)} {moment.trail}"
 
 
 def rows_of(mesh: bpy.types.Mesh) -> slice | np.ndarray:
