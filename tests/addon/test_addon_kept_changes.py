@@ -203,6 +203,28 @@ def test_view_of_applied_points_is_the_same(bpy: Any, model_path: Path) -> None:
     np.testing.assert_allclose(attribute(obj.data, "aa_color"), expected, atol=1e-4)
 
 
+def test_grid_and_numbers_are_of_the_world(bpy: Any, extension: str, model_path: Path) -> None:
+    """Before and after the transform of the points was applied."""
+    obj = imported(bpy, model_path)
+    obj.location, obj.scale = (5, 6, 7), (2, 2, 2)
+    go_to(bpy, 4)
+    found = []
+    for step in range(2):
+        assert bpy.ops.aa4d.add_grid() == {"FINISHED"}
+        grid = [o for o in bpy.data.objects if "DACW Grid" in o.name][step]
+        bpy.context.view_layer.update()
+        corners = np.array([(grid.matrix_world @ vertex.co)[:] for vertex in grid.data.vertices])
+        obj.data.vertices.foreach_set("select", np.arange(60) < 7)
+        assert bpy.ops.aa4d.measure_selection() == {"FINISHED"}
+        line = importlib.import_module(f"{extension}.operators.inspection").statistics[obj.session_uid][1]
+        assert line == "centre {:.2f}, {:.2f}, {:.2f} m".format(*in_world(bpy, obj, 4)[:7].mean(axis=0))
+        found.append(corners)
+        go_to(bpy, 1)
+        apply(bpy, obj, "location rotation scale")
+        go_to(bpy, 4)
+    np.testing.assert_allclose(found[0], found[1], atol=1e-3)
+
+
 def test_points_moved_one_by_one_go_back_and_that_is_said(bpy: Any, model_path: Path, capfd: Any) -> None:
     obj = imported(bpy, model_path)
     expected = clip_positions(bpy, obj, [0, 3])
