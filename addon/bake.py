@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from . import carriers, groups, names, parts, playback, points, time_nodes
+from . import affine, carriers, groups, names, parts, placement, playback, points, time_nodes
 from . import modifiers as inputs
 from .clip_time import ClipTime
 from .container import ModelFileError
@@ -46,10 +46,14 @@ def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) ->
         raise ModelFileError(f"The clip has {model.frame_count} frames; the range to bake begins after its end.")
     ranks = _ranks(options, model.frame_count)
     always = {*names.APPEARANCE, *(names.INSPECTION if options.inspection else ())}
-    work = [
-        _Work(part.data, playback.rows_of(part.data), always | playback.wanted_of(part), time_modifier(part))
-        for part in objects
-    ]
+    parts.make_own(objects)
+    work = []
+    for mesh in dict.fromkeys(part.data for part in objects):
+        users = [part for part in objects if part.data == mesh]
+        rows = playback.rows_of(mesh)
+        placement.follow_live(users[0], loaded.field, rows)
+        attributes = always.union(*(playback.wanted_of(user) for user in users))
+        work.append(_Work(mesh, rows, attributes, [time_modifier(user) for user in users], placement.map_of(mesh)))
     attributes = set().union(*(part.attributes for part in work))
     lead = objects[0]
     time, frame = playback.clip_time_of(lead, model.frame_count), scene.frame_current_final
@@ -62,9 +66,12 @@ def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) ->
             values = carriers.evaluate(loaded.field, carrier, t, center, attributes)
             values[names.COLOR][:, 3] = values[names.OPACITY]
             for part in work:
+                own = {attribute: values[attribute][part.rows] for attribute in part.attributes}
+                if part.map is not None:
+                    own = affine.moved(own, part.map)
                 for key in names.keys_of(part.attributes):
                     name = names.UNFINISHED + names.key_name(key, number)
-                    points.write(part.mesh, name, key.type, values[key.attribute][part.rows])
+                    points.write(part.mesh, name, key.type, own[key.attribute])
             yield number + 1, len(ranks)
     except BaseException:
         for part in work:
@@ -77,27 +84,29 @@ def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) ->
         points.remove(part.mesh, WITH_KEYS)
         for attribute in [a for a in part.mesh.attributes if a.name.startswith(names.UNFINISHED)]:
             attribute.name = attribute.name.removeprefix(names.UNFINISHED)
-        part.modifier.node_group = time_nodes.baked_group(part.attributes)
-        for name, value in (
-            (time_nodes.CLIP_FRAMES, model.frame_count),
-            (time_nodes.KEY_FIRST, float(ranks[0])),
-            (time_nodes.KEY_STEP, float(ranks[1] - ranks[0]) if len(ranks) > 1 else 1.0),
-            (time_nodes.KEY_COUNT, len(ranks)),
-        ):
-            inputs.put(part.modifier, name, value)
-        part.mesh.update()
+        for modifier in part.modifiers:
+            modifier.node_group = time_nodes.baked_group(part.attributes)
+            for name, value in (
+                (time_nodes.CLIP_FRAMES, model.frame_count),
+                (time_nodes.KEY_FIRST, float(ranks[0])),
+                (time_nodes.KEY_STEP, float(ranks[1] - ranks[0]) if len(ranks) > 1 else 1.0),
+                (time_nodes.KEY_COUNT, len(ranks)),
+            ):
+                inputs.put(modifier, name, value)
+        placement.show_first_key(part.mesh, model.time_of_rank(ranks[0]))
     for part_object in objects:
         part_object.aa4d.playback = "BAKED"
 
 
 @dataclass(frozen=True)
 class _Work:
-    """What one object of an import takes of a bake."""
+    """What one mesh of an import takes of a bake."""
 
     mesh: bpy.types.Mesh
     rows: slice | np.ndarray
     attributes: set[names.Attribute]
-    modifier: bpy.types.Modifier
+    modifiers: list[bpy.types.Modifier]  # of the objects that share the mesh
+    map: Doubles | None  # from the model's metres to the mesh's
 
 
 def largest_error_m(obj: bpy.types.Object, options: BakeOptions) -> float:
@@ -114,7 +123,11 @@ def largest_error_m(obj: bpy.types.Object, options: BakeOptions) -> float:
 
 
 def free(obj: bpy.types.Object) -> None:
-    """Remove the keys of all objects of an import, if there are any, and switch them to live playback."""
+    """Remove the keys of all objects of an import, if there are any, and switch them to live playback.
+
+    Linked duplicates that do not belong to the import keep theirs.
+    """
+    parts.make_own(parts.parts(obj))
     for part in parts.parts(obj):
         points.remove(part.data, WITH_KEYS)
         time_modifier(part).node_group = time_nodes.live_group()

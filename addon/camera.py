@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import re
 from pathlib import Path
 
@@ -12,12 +13,14 @@ from mathutils import Matrix
 from . import names
 from .model import Doubles, Model
 
+LONGEST_NUMBER = 9  # digits of a frame's name that Blender can count in
 SENSOR_MM = 36.0  # any width serves: the lens follows from it
 OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0])  # Blender's camera looks along -z with y up
 
 
-def create_camera(model: Model, name: str) -> bpy.types.Object:
-    """A camera with a key a frame: location and quaternion, linear between frames."""
+def create_camera(model: Model, name: str, stretch: float) -> bpy.types.Object:
+    """A camera with a key a frame of the clip, `stretch` frames of the timeline apart: location and quaternion, linear
+    between them."""
     data = bpy.data.cameras.new(name)
     camera, K = model.camera, model.camera.K
     data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR_MM
@@ -34,40 +37,61 @@ def create_camera(model: Model, name: str) -> bpy.types.Object:
     obj.rotation_mode = "QUATERNION"
     rotations = model.viewmats[:, :3, :3].transpose(0, 2, 1) @ OPENCV_TO_BLENDER
     quaternions = np.array([Matrix(rotation.tolist()).to_quaternion() for rotation in rotations])
-    animate(obj, "location", model.camera_centers)
-    animate(obj, "rotation_quaternion", in_one_hemisphere(quaternions))
+    animate(obj, "location", model.camera_centers, stretch)
+    animate(obj, "rotation_quaternion", in_one_hemisphere(quaternions), stretch)
     return obj
 
 
-def show_frames(camera: bpy.types.Object, model: Model) -> bool:
+def show_frames(camera: bpy.types.Object, model: Model, stretch: float) -> bool:
     """Set the capture's frames behind the camera, in step with the timeline; whether they were found.
 
     The path stands in the model file, so what it leads to must be a capture, and the frames must lie inside it,
     numbered one after the other.
     """
+    first = _first_frame(model)
+    if first is None:
+        return False
+    path, number = first
+    try:
+        image = bpy.data.images.load(str(path))
+    except (RuntimeError, ValueError):  # no picture, or a name that is not UTF-8
+        return False
+    count = model.frame_count
+    image.source = "SEQUENCE" if count > 1 else "FILE"
+    background = camera.data.background_images.new()
+    background.image, background.alpha, background.display_depth = image, 1.0, "BACK"
+    user = background.image_user
+    user.use_auto_refresh = True
+    user.frame_start, user.frame_duration = names.FIRST_FRAME, count
+    user.frame_offset = number - 1  # Blender takes the first file of a sequence for number 1
+    if stretch != 1:  # Blender shows a file a frame: the offset makes up for it
+        user.frame_duration = math.ceil((count - 1) * stretch) + 1
+        driver = camera.data.driver_add("background_images[0].image_user.frame_offset").driver
+        passed = f"min(max(frame - {names.FIRST_FRAME}, 0), {user.frame_duration - 1})"
+        rank = f"min(floor({passed} / {stretch!r} + 1e-4), {count - 1})"
+        driver.expression = f"{number - 1} + {rank} - {passed}"
+    camera.data.show_background_images = True
+    return True
+
+
+def _first_frame(model: Model) -> tuple[Path, int] | None:
+    """The capture's first frame and its number, where all are numbered one after the other and it is there."""
     folder = capture_folder(model)
     if folder is None or not model.images:
-        return False
-    numbered = [re.fullmatch(r"(.*?)(\d+)(\.\w+)", image) for image in model.images]
+        return None
+    numbered = [re.fullmatch(rf"(.*?)([0-9]{{1,{LONGEST_NUMBER}}})(\.\w+)", image) for image in model.images]
     first = numbered[0]
     if first is None or not all(
         match is not None and match[1] == first[1] and match[3] == first[3] and int(match[2]) == int(first[2]) + rank
         for rank, match in enumerate(numbered)
     ):
-        return False
-    path = (folder / model.images[0]).resolve()
-    if not path.is_relative_to(folder) or not path.is_file():
-        return False
-    image = bpy.data.images.load(str(path))
-    image.source = "SEQUENCE" if len(numbered) > 1 else "FILE"
-    background = camera.data.background_images.new()
-    background.image, background.alpha, background.display_depth = image, 1.0, "BACK"
-    user = background.image_user
-    user.use_auto_refresh = True
-    user.frame_start, user.frame_duration = names.FIRST_FRAME, len(numbered)
-    user.frame_offset = int(first[2]) - 1  # Blender takes the first file of a sequence for number 1
-    camera.data.show_background_images = True
-    return True
+        return None
+    try:
+        path = (folder / model.images[0]).resolve()
+        found = path.is_relative_to(folder) and path.is_file()
+    except (OSError, ValueError):  # too long for a path, or with characters that none has
+        return None
+    return (path, int(first[2])) if found else None
 
 
 def capture_folder(model: Model) -> Path | None:
@@ -90,15 +114,15 @@ def in_one_hemisphere(quaternions: Doubles) -> Doubles:
     return quaternions
 
 
-def animate(obj: bpy.types.Object, path: str, values: Doubles) -> None:
-    """Key the property with one row of values [n, components] a frame, linear between."""
+def animate(obj: bpy.types.Object, path: str, values: Doubles, stretch: float) -> None:
+    """Key the property with one row of values [n, components] every `stretch` frames, linear between."""
     setattr(obj, path, values[0])
     obj.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them
     curves = obj.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
     for index, column in enumerate(values.T):
         curve = curves.find(path, index=index)
         curve.keyframe_points.add(len(column) - 1)
-        frames = np.arange(len(column)) + names.FIRST_FRAME
+        frames = np.arange(len(column)) * stretch + names.FIRST_FRAME
         curve.keyframe_points.foreach_set("co", np.stack([frames, column], axis=1).astype(np.float32).ravel())
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"

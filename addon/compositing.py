@@ -9,6 +9,7 @@ from mathutils import Vector
 from . import look_nodes, materials, modifiers, names, parts, points
 from .container import Floats
 from .model import Doubles
+from .scene import use_cycles
 
 PLATE, SCENE = "PLATE", "SCENE"
 MODES = (
@@ -71,8 +72,7 @@ def set_up(context: bpy.types.Context, obj: bpy.types.Object, mode: str, *, sun:
             bpy.data.objects.remove(old)
     over_plate = mode == PLATE
     scene.render.film_transparent = over_plate
-    scene.render.engine = "CYCLES"
-    scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, 64)
+    use_cycles(scene)
     occluders = None
     if over_plate:
         _make_ground(obj, ground)

@@ -3,26 +3,28 @@
 import math
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from . import look_nodes, materials, modifiers, names, parts, points, snapshot, splat_ply, time_nodes
+from . import modifiers, names, parts, points, snapshot, splat_ply, time_nodes
 from .container import Floats
 from .node_tree import Tree, versioned_group
 
+NOTHING_SHOWN = "Nothing is shown: the filters and the crop let no point through."
 USD_KEYS = (names.POSITION, names.COLOR, names.OPACITY, names.RADIUS)
 
 
 def export_ply(obj: bpy.types.Object, context: bpy.types.Context, path: Path, frames: Sequence[int]) -> list[Path]:
     """Write one PLY for each frame of the timeline; with several frames the number is added to the name.
 
-    With a lead go those of its vehicles that are shown.
+    What is drawn goes out: where the objects stand in the world, as filtered, cropped, sized and coloured. With a lead
+    go those of its vehicles that are shown.
 
     Raises:
-        OSError: a file cannot be written.
+        OSError: a file cannot be written, or nothing is shown.
     """
     written = []
     with _bare(obj, context.scene) as objects:
@@ -30,6 +32,8 @@ def export_ply(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
             context.scene.frame_set(frame)
             now = snapshot.take(objects, context.evaluated_depsgraph_get())
             seen = now.seen
+            if not seen.any() and len(frames) == 1:
+                raise OSError(NOTHING_SHOWN)
             target = path if len(frames) == 1 else path.with_name(f"{path.stem}_{frame:04}{path.suffix}")
             colors = srgb(now.colors[seen, :3])
             splat_ply.write_ply(
@@ -37,6 +41,11 @@ def export_ply(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
             )
             written.append(target)
     return written
+
+
+def has_usd() -> bool:
+    """Whether this Blender was built with USD: that is a choice of who builds it."""
+    return bool(bpy.app.build_options.usd)
 
 
 def export_usd(obj: bpy.types.Object, context: bpy.types.Context, path: Path, frames: Sequence[int]) -> None:
@@ -47,7 +56,7 @@ def export_usd(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
     removed.
 
     Raises:
-        OSError: the file cannot be written.
+        OSError: the file cannot be written, or nothing is shown.
     """
     scene = context.scene
     with _bare(obj, scene) as objects:
@@ -56,6 +65,8 @@ def export_usd(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
             scene.frame_set(frame)
             moments.append(snapshot.take(objects, context.evaluated_depsgraph_get()))
     seen = np.any([moment.seen for moment in moments], axis=0)
+    if not seen.any():
+        raise OSError(NOTHING_SHOWN)
     cloud = _cloud(obj, context, moments, seen, frames[0])
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     kept = scene.frame_start, scene.frame_end
@@ -89,13 +100,13 @@ def _cloud(
     """A selected point cloud object that plays the moments from `first_frame` on."""
     mesh = points.create_mesh(obj.name, moments[0].ids[seen])
     for number, moment in enumerate(moments):
-        values = {names.POSITION: moment.positions, names.RADIUS: moment.radius, names.COLOR: moment.colors.copy()}
+        radius = np.where(moment.seen, moment.radius, 0)  # what comes and goes stays a point: all moments have the same
+        values = {names.POSITION: moment.positions, names.RADIUS: radius, names.COLOR: moment.colors.copy()}
         values[names.COLOR][:, 3] = moment.opacity
         for key in names.keys_of(values):
             points.write(mesh, names.key_name(key, number), key.type, values[key.attribute][seen])
     points.write(mesh, names.POSITION.name, names.POSITION.type, moments[0].positions[seen])
     cloud = bpy.data.objects.new(obj.name, mesh)
-    cloud.matrix_world = obj.matrix_world
     context.collection.objects.link(cloud)
     for selected in context.selected_objects:
         selected.select_set(False)
@@ -129,30 +140,20 @@ def _radius_group() -> bpy.types.NodeTree:
 
 @contextmanager
 def _bare(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[list[bpy.types.Object]]:
-    """The object, and what is shown with it, as points with their full shape and no look; the timeline is back where
-    it was afterwards."""
-    frame, objects = scene.frame_current_final, list(parts.shown_with(obj))
+    """What is shown of the object, and with it, as bare points; the timeline is back where it was afterwards.
+
+    Raises:
+        OSError: nothing of it is shown.
+    """
+    objects = parts.shown_with(obj)
+    if not objects:
+        raise OSError(f"{obj.name} is hidden; what is shown is exported.")
+    frame = scene.frame_current_final
     try:
-        with ExitStack() as stack:
-            for part in objects:
-                stack.enter_context(_with_shape(part))
-            yield objects
+        with snapshot.stand_ins(objects, scene) as copies:
+            yield copies
     finally:
         scene.frame_set(math.floor(frame), subframe=frame % 1)
-
-
-@contextmanager
-def _with_shape(obj: bpy.types.Object) -> Iterator[None]:
-    look = modifiers.of(obj, names.LOOK_MODIFIER)
-    kind = modifiers.get(look, look_nodes.LOOK) if look is not None else None
-    try:
-        if look is not None and obj.aa4d.playback == "LIVE":
-            modifiers.put(look, look_nodes.LOOK, materials.GAUSSIANS)  # so that shapes are evaluated
-        with snapshot.without_look(obj):
-            yield
-    finally:
-        if look is not None:
-            modifiers.put(look, look_nodes.LOOK, kind)
 
 
 def srgb(linear: Floats) -> Floats:

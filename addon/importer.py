@@ -1,6 +1,8 @@
 """Importing a model file: the plain function behind the operator."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from . import (
     modifiers,
     names,
     parts,
+    placement,
     playback,
     points,
     properties,
@@ -25,7 +28,7 @@ from .camera import capture_folder, create_camera, show_frames
 from .container import Floats, ModelFileError
 from .field import Field, Indices
 from .model import Model
-from .scene import set_timeline, set_up_scene
+from .scene import SAME_RATE, extend_timeline, is_timed, set_timeline, set_up_scene, stretch
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class Imported:
     model: Model
     points: bpy.types.Object
     camera: bpy.types.Object | None
+    stretch: float  # frames of the timeline for each of the clip
 
 
 def import_model(
@@ -78,41 +82,73 @@ def import_model(
             f"{model.path.name} has {len(divided) - 1:,} vehicles, more than the {MOST_VEHICLES:,} that become "
             "objects; import it without Vehicles as Objects."
         )
-    name = os.path.basename(os.path.dirname(path)) or "AdaAnchor4D"
-    rows = np.arange(model.anchor_count) if divided is None else divided[0][1]
-    obj = _make_object(name, loaded, path, options, rows)
-    collection.objects.link(obj)
+    fresh = options.set_timeline and not is_timed(scene)
+    place = _Place(loaded, path, 1.0 if fresh else stretch(scene, model), options)
+    with _all_or_nothing():
+        obj, camera = _make(place, scene, collection, divided)
+        if options.set_up_scene:
+            set_up_scene(scene, camera, model)
+        if options.set_timeline:
+            (set_timeline if fresh else extend_timeline)(scene, model)
+            scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))
+        for part in parts.parts(obj):
+            playback.show(part, scene)
+    return Imported(model, obj, camera, place.stretch)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """What the objects of one import have in common."""
+
+    loaded: playback.Loaded
+    path: str
+    stretch: float  # frames of the timeline for each of the clip, so that its seconds are the scene's
+    options: ImportOptions
+
+
+@contextmanager
+def _all_or_nothing() -> Iterator[None]:
+    """Remove what has been made in bpy.data where something goes wrong."""
+    kinds = ("objects", "meshes", "cameras", "collections", "actions", "images")
+    before = {kind: set(getattr(bpy.data, kind)) for kind in kinds}
     try:
-        playback.show(obj, scene)
-    except BaseException:  # the model cannot be evaluated: as if it had not been read
-        bpy.data.batch_remove([obj, obj.data])
+        yield
+    except BaseException:
+        made = [block for kind in kinds for block in getattr(bpy.data, kind) if block not in before[kind]]
+        bpy.data.batch_remove(made)
         raise
+
+
+def _make(
+    place: _Place,
+    scene: bpy.types.Scene,
+    collection: bpy.types.Collection,
+    divided: list[tuple[int, Indices]] | None,
+) -> tuple[bpy.types.Object, bpy.types.Object | None]:
+    """The lead, with its vehicles, and the camera, linked to the collection or to a new one within it."""
+    model, options = place.loaded.field.model, place.options
+    name = os.path.basename(os.path.dirname(place.path)) or "AdaAnchor4D"
+    obj = _make_object(name, place, np.arange(model.anchor_count) if divided is None else divided[0][1])
+    collection.objects.link(obj)
+    playback.show(obj, scene)  # a model that cannot be evaluated fails here, before anything else is made
     if divided is not None and len(divided) > 1:
         collection.objects.unlink(obj)
         outer = bpy.data.collections.new(name)
         collection.children.link(outer)
         collection = outer
         collection.objects.link(obj)
-        _make_vehicles(obj, loaded, path, options, divided[1:], collection)
-    camera = create_camera(model, f"{name} Camera") if options.import_camera else None
+        _make_vehicles(obj, place, divided[1:], collection)
+    camera = create_camera(model, f"{name} Camera", place.stretch) if options.import_camera else None
     if camera is not None:
         collection.objects.link(camera)
         if options.background_frames:
-            show_frames(camera, model)
-    if options.set_timeline:
-        set_timeline(scene, model)
-        scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))
-    if options.set_up_scene:
-        set_up_scene(scene, camera, model)
-    for part in parts.parts(obj):
-        playback.show(part, scene)
-    return Imported(model, obj, camera)
+            show_frames(camera, model, place.stretch)
+    return obj, camera
 
 
-def _make_object(
-    name: str, loaded: playback.Loaded, path: str, options: ImportOptions, rows: Indices
-) -> bpy.types.Object:
+def _make_object(name: str, place: _Place, rows: Indices) -> bpy.types.Object:
     """The points of some of the anchors, with the modifiers that play and draw them."""
+    loaded, path, options = place.loaded, place.path, place.options
     field = loaded.field
     repeats = carriers.points_per_anchor(field, options.carrier)
     ids = (rows[:, None] * repeats + np.arange(repeats)).ravel()
@@ -122,9 +158,11 @@ def _make_object(
     settings = obj.aa4d
     settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
     settings.last_place, settings.content = path, loaded.content
-    settings.carrier, settings.view = options.carrier, options.view
+    settings.carrier, settings.view, settings.fps = options.carrier, options.view, field.model.fps
     settings.frozen_view = field.model.camera_center_at(0.5)
-    modifiers.put(bake.time_modifier(obj), time_nodes.CLIP_FRAMES, field.model.frame_count)
+    time = bake.time_modifier(obj)
+    modifiers.put(time, time_nodes.CLIP_FRAMES, field.model.frame_count)
+    modifiers.put(time, time_nodes.SPEED, 1 / place.stretch)
     look = obj.modifiers.new(names.LOOK_MODIFIER, "NODES")
     look.node_group = look_nodes.look_group()
     modifiers.put(look, look_nodes.LOOK, options.look)
@@ -142,19 +180,17 @@ def _write_groups(mesh: bpy.types.Mesh, field: Field, anchors: Indices) -> None:
 
 def _make_vehicles(
     first: bpy.types.Object,
-    loaded: playback.Loaded,
-    path: str,
-    options: ImportOptions,
+    place: _Place,
     divided: list[tuple[int, Indices]],
     collection: bpy.types.Collection,
 ) -> None:
     """An object and a handle for each group, in two collections of their own, as children of the lead."""
-    model = loaded.field.model
+    model = place.loaded.field.model
     vehicles, handles = (bpy.data.collections.new(f"{first.name} {kind}") for kind in ("Vehicles", "Handles"))
     for group, rows in divided:
         name = parts.vehicle_name(model, group)
-        vehicle = _make_object(name, loaded, path, options, rows)
-        handle = parts.make_handle(model, group, f"{name} Handle")
+        vehicle = _make_object(name, place, rows)
+        handle = parts.make_handle(model, group, f"{name} Handle", place.stretch)
         vehicle.parent = handle.parent = first
         parts.follow(vehicle, first)
         vehicles.objects.link(vehicle)
@@ -174,16 +210,22 @@ def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
     together = parts.parts(obj)  # found now: which belong together is told by the content that they show
     for part in together:
         playback.check_fits(part, loaded)
+    parts.make_own(together)
     for part in together:
         settings = part.aa4d
         settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
         settings.last_place, settings.content = path, loaded.content
-        modifiers.put(bake.time_modifier(part), time_nodes.CLIP_FRAMES, loaded.field.model.frame_count)
+        time, fps = bake.time_modifier(part), loaded.field.model.fps
+        modifiers.put(time, time_nodes.CLIP_FRAMES, loaded.field.model.frame_count)
+        if settings.fps > 0 and abs(fps / settings.fps - 1) > SAME_RATE:  # what plays by its seconds goes on doing so
+            modifiers.put(time, time_nodes.SPEED, modifiers.get(time, time_nodes.SPEED) * fps / settings.fps)
+        settings.fps = fps
         repeats = carriers.points_per_anchor(loaded.field, settings.carrier)
         _write_groups(part.data, loaded.field, points.ids(part.data) // repeats)
         playback.problems.pop(part.session_uid, None)
     for part in together:
         if part.aa4d.playback == "LIVE":
+            placement.forget(part.data)
             playback.show(part, scene)
 
 
@@ -191,11 +233,15 @@ def _chosen(path: str) -> str:
     """The absolute path of the file that a person chose.
 
     Raises:
-        ModelFileError: none was chosen.
+        ModelFileError: none was chosen, or Blender cannot remember such a path.
     """
     if not path:
         raise ModelFileError("No file was chosen; choose the model.safetensors of a run.")
-    return os.path.abspath(bpy.path.abspath(path))
+    path = os.path.abspath(bpy.path.abspath(path))
+    readable = path.encode(errors="replace").decode()
+    if readable != path:
+        raise ModelFileError(f"{readable} cannot be read: Blender keeps only paths that are UTF-8; rename it.")
+    return path
 
 
 def label_activity(obj: bpy.types.Object) -> dict[str, int]:

@@ -7,7 +7,7 @@ import bpy
 from . import materials, names
 from .node_tree import Tree, socket, versioned_group
 
-VERSION = 5
+VERSION = 6
 LOOK, SIZE, LIT = "Look", "Size", "Lit"
 COLOR_BY, PLANE, LOW, HIGH = "Colour By", "Plane", "Low", "High"
 MINIMUM_OPACITY, NEAREST, FARTHEST = "Minimum Opacity", "Moved at Least", "Moved at Most"
@@ -34,8 +34,10 @@ class Scalar(NamedTuple):
 
 
 SCALARS = {
-    "Displacement": Scalar("How far the anchor is from its canonical place", "m", (0, 2), (names.DISPLACEMENT,)),
-    "Speed": Scalar("How fast the anchor moves", "m/s", (0, 15), (names.SPEED,)),
+    "Displacement": Scalar(
+        "How far the anchor, or its vehicle with it, is from its canonical place", "m", (0, 2), (names.DISPLACEMENT,)
+    ),
+    "Speed": Scalar("How fast the anchor moves, with its vehicle if it has one", "m/s", (0, 15), (names.SPEED,)),
     "Plane Weight": Scalar("The weight of one plane, mean over the channels", "", (0, 1 / 3), names.WEIGHTS),
     "Motion Share": Scalar("The weight of the three planes that have time", "", (0.3, 0.7), names.WEIGHTS),
     "Opacity": Scalar("As trained", "", (0, 1), ()),
@@ -86,6 +88,34 @@ def look_group() -> bpy.types.NodeTree:
     haunted = tree.compare(_trail_length(tree, geometry), "GREATER_THAN", 0.5)
     tree.finish(tree.switch("GEOMETRY", haunted, drawn, join.outputs[0]))
     return group
+
+
+def shown_group() -> bpy.types.NodeTree:
+    """The points themselves, in the colours and sizes that the look draws them with, and which of them it draws.
+
+    For exports: the inputs are made in the order of `look_group`, so that values and animation survive the change.
+    """
+    group, made = versioned_group("AdaAnchor4D Shown", VERSION)
+    if not made:
+        return group
+    tree = Tree(group)
+    _make_inputs(tree)
+    tree.menu("FLOAT", LOOK, [(look, LOOKS[look], 0.0) for look in LOOKS])  # unused: it keeps the menu's items
+    geometry = _colored(tree, tree.input("Geometry"))
+    geometry = tree.store(geometry, names.SHOWN, _shown(tree))
+    radius = tree.math("MULTIPLY", tree.named(names.RADIUS.name, names.RADIUS.type), tree.input(SIZE))
+    geometry = tree.store(geometry, names.RADIUS, radius)
+    tree.finish(tree.store(geometry, names.SCALE, _sized(tree)))
+    return group
+
+
+def _sized(tree: Tree) -> Any:
+    """The scales of the points, larger by the input."""
+    size = tree.group.nodes.new("ShaderNodeVectorMath")
+    size.operation = "SCALE"
+    tree.set(size.inputs[0], tree.named(names.SCALE.name, names.SCALE.type))
+    tree.set(socket(size.inputs, "Scale"), tree.input(SIZE))
+    return size.outputs[0]
 
 
 def _trail_length(tree: Tree, geometry: Any) -> Any:
@@ -168,20 +198,29 @@ def _colored(tree: Tree, geometry: Any) -> Any:
         "Opacity": tree.named(names.OPACITY.name, "FLOAT"),
         "Reach": tree.named(names.RADIUS.name, "FLOAT"),
     }
-    colors = {name: _ramp(tree, values[name]) for name in SCALARS}
-    colors[ACTIVITY] = _category_color(tree, _number_of(tree, names.ACTIVITY))
-    colors[ID] = _category_color(tree, tree.named(names.ID.name, "INT"))
-    colors[VEHICLE] = _category_color(tree, _number_of(tree, names.GROUP))
+    numbers = {
+        ACTIVITY: _number_of(tree, names.ACTIVITY),
+        ID: tree.named(names.ID.name, "INT"),
+        VEHICLE: _number_of(tree, names.GROUP),
+    }
+    # The menu gives a number, that one the quantity, and one ramp its colour. Every node that is there costs something,
+    # chosen or not, and twenty vehicles feel it: above all a group within this one, such as the ramp is.
     described = {name: scalar.description for name, scalar in SCALARS.items()} | CATEGORIES
-    choices = [(TRAINED, "What the scene was trained to", geometry)]
-    choices += [(name, described[name], tree.store(geometry, names.COLOR, colors[name])) for name in colors]
-    colored = tree.menu("GEOMETRY", COLOR_BY, choices)
+    choices = [(TRAINED, "What the scene was trained to", 0)]
+    choices += [(name, described[name], place) for place, name in enumerate((*values, *numbers), 1)]
+    chosen = tree.menu("INT", COLOR_BY, choices)
+    quantity = tree.indexed("FLOAT", chosen, [0.0, *values.values(), *numbers.values()])
+    ramp, category = _ramp(tree, quantity), _category_color(tree, quantity)
+    trained = tree.named(names.COLOR.name, names.COLOR.type)
+    color = tree.indexed("RGBA", chosen, [trained, *[ramp] * len(values), *[category] * len(numbers)])
     mix = tree.node("ShaderNodeMix", data_type="RGBA", blend_type="COLOR")
     tree.set(socket(mix.inputs, "Factor"), tree.input(PAINT_SHARE))
-    tree.set(socket(mix.inputs, "A"), tree.named(names.COLOR.name, names.COLOR.type))
+    tree.set(socket(mix.inputs, "A"), color)
     tree.set(socket(mix.inputs, "B"), tree.input(PAINT))
-    painted = tree.store(colored, names.COLOR, socket(mix.outputs, "Result"))
-    return tree.switch("GEOMETRY", tree.compare(tree.input(PAINT_SHARE), "GREATER_THAN", 0.0), colored, painted)
+    painted = tree.compare(tree.input(PAINT_SHARE), "GREATER_THAN", 0.0)
+    color = tree.switch("RGBA", painted, color, socket(mix.outputs, "Result"))
+    changed = tree.logic("OR", painted, tree.compare(chosen, "GREATER_THAN", 0.5))
+    return tree.switch("GEOMETRY", changed, geometry, tree.store(geometry, names.COLOR, color))
 
 
 def _number_of(tree: Tree, attribute: names.Attribute) -> Any:

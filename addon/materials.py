@@ -43,7 +43,8 @@ def material(look: str, *, lit: bool) -> bpy.types.Material:
     number = _math(tree, "ADD", _attribute(tree, names.ID.name, kind).outputs["Fac"], 1.0)
     tree.links.new(number, socket(id_output.inputs, "Value"))
     # The points glow so that they show their colour, not to light the scene: as lamps they would only slow Cycles down.
-    made.cycles.emission_sampling = "NONE"
+    if hasattr(made, "cycles"):  # an add-on, which can be switched off
+        made.cycles.emission_sampling = "NONE"
     return made
 
 

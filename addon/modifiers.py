@@ -1,5 +1,7 @@
 """Reading and setting the inputs of a Geometry Nodes modifier, in every Blender from 4.5 on."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import bpy
@@ -25,6 +27,21 @@ class Input(NamedTuple):
 _known: dict[tuple[Any, ...], dict[str, Input]] = {}
 
 
+# By the group's name, while nobody can change a group: even to ask how many nodes it has adds up.
+_sure: dict[str, dict[str, Input]] | None = None
+
+
+@contextmanager
+def unchanged_groups() -> Iterator[None]:
+    """Trust that no group changes for a while: within one handler, for many objects."""
+    global _sure
+    _sure = {}
+    try:
+        yield
+    finally:
+        _sure = None
+
+
 def inputs_of(group: bpy.types.NodeTree) -> list[Any]:
     """The interface items of a group's inputs that a person sets, in order."""
     items = [item for item in group.interface.items_tree if item.item_type == "SOCKET" and item.in_out == "INPUT"]
@@ -33,6 +50,15 @@ def inputs_of(group: bpy.types.NodeTree) -> list[Any]:
 
 def _inputs(group: bpy.types.NodeTree) -> dict[str, Input]:
     """The inputs of a group by name, remembered while it has as many of them and as many nodes."""
+    if _sure is None:
+        return _looked_up(group)
+    name = group.name_full  # evaluated copies have no session id of their own
+    if name not in _sure:
+        _sure[name] = _looked_up(group)
+    return _sure[name]
+
+
+def _looked_up(group: bpy.types.NodeTree) -> dict[str, Input]:
     key = (group.session_uid, group.get(names.VERSION_PROPERTY), len(group.interface.items_tree), len(group.nodes))
     if key not in _known:
         _known[key] = {
@@ -88,3 +114,9 @@ def put(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
         return
     items = _inputs(modifier.node_group)[name].items
     owner[path[2:-2]] = items.index(value) if items else value
+
+
+def values_of(modifier: bpy.types.Modifier) -> dict[str, Any]:
+    """The values of all inputs, which hold when the modifier is given another group."""
+    values = {item.name: get(modifier, item.name) for item in inputs_of(modifier.node_group)}
+    return {name: tuple(v) if hasattr(v, "__len__") and not isinstance(v, str) else v for name, v in values.items()}

@@ -26,6 +26,7 @@ DISPLACEMENT = Attribute("aa_displacement", "FLOAT")  # metres from the canonica
 SPEED = Attribute("aa_speed", "FLOAT")  # metres a second of the anchor
 GROUP = Attribute("aa_group", "INT")  # the vehicle that the anchor rides on, its number from 0; -1 for the world
 ACTIVITY = Attribute("aa_activity", "INT")  # the label of the capture's truth; -1 where it has none
+SHOWN = Attribute("aa_shown", "BOOLEAN")  # whether the filters let the point through; only in what exports read
 TRAIL = Attribute("aa_trail", "INT")  # how many earlier positions there are
 TRAIL_PREFIX = "aa_trail_"
 PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
@@ -66,6 +67,8 @@ LOOK_MODIFIER = "AdaAnchor4D"
 
 VERSION_PROPERTY = "aa_version"  # on node groups and materials: which version of the builder made them
 STAMP_PROPERTY = "aa_stamp"  # on the mesh: what its attributes were evaluated for
+PLACED_PROPERTY = "aa_placed"  # on the mesh: the time that its positions were evaluated for, and their checksum
+MAP_PROPERTY = "aa_map"  # on the mesh: 4 x 4 numbers, from the model's metres to the mesh's; absent where they agree
 
 FIRST_FRAME = 1  # the timeline's frame of the clip's first frame, unless a person moves it
 

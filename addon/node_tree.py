@@ -111,6 +111,15 @@ class Tree:
             self.set(socket(node.inputs, item), value)
         return node.outputs[0]
 
+    def indexed(self, kind: str, number: Any, values: Sequence[Any]) -> Any:
+        """The value of this number."""
+        node = self.node("GeometryNodeIndexSwitch", {"Index": number}, data_type=kind)
+        for _ in values[2:]:  # a new node has two
+            node.index_switch_items.new()
+        for index, value in enumerate(values):
+            self.set(node.inputs[index + 1], value)
+        return node.outputs[0]
+
     def vector(self, operation: str, *values: Any) -> Any:
         """A Vector Math node."""
         node = self.group.nodes.new("ShaderNodeVectorMath")

@@ -1,5 +1,7 @@
 """The panels in the 3D view's sidebar."""
 
+import textwrap
+
 import bpy
 from bpy.app.translations import pgettext_iface as translated
 
@@ -15,6 +17,11 @@ TIME_INPUTS = (
     time_nodes.BY_HAND,
     time_nodes.TIME,
 )
+# Of the sidebar, in pixels at a resolution scale of 1: Blender's default width, what its tabs and edges take, and a
+# letter in the mean.
+DEFAULT_WIDTH, MARGINS, LETTER = 220, 46, 6.2
+
+ANCHORS_ALONE = "This is how anchors move. The model knows no vehicles: traffic passes along its anchors and is faster."
 
 
 class SidebarPanel:
@@ -46,17 +53,18 @@ class ImportPanel(SidebarPanel, bpy.types.Panel):
         if vehicles:
             text = translated("{} vehicles").format(len(vehicles))
             column.label(text=text, icon="AUTO", translate=False)
+        problem = playback.problems.get(obj.session_uid)
         if obj.aa4d.playback == "BAKED":
             column.label(text="Baked", icon="CHECKMARK")
+        elif problem is not None:
+            column.label(text="Stands Still", icon="ERROR")
+            _draw_text(layout, context, problem)
+            layout.operator(operators.Relink.bl_idname, icon="LINKED")
         else:
             costs = [playback.milliseconds.get(part.session_uid) for part in parts.parts(obj)]
             cost = sum(ms for ms in costs if ms is not None) or None
             text = translated("Live") if cost is None else translated("Live: {:.1f} ms a frame").format(cost)
             column.label(text=text, icon="TIME", translate=False)
-        problem = playback.problems.get(obj.session_uid)
-        if problem is not None:
-            layout.label(text=problem, icon="ERROR", translate=False)
-            layout.operator(operators.Relink.bl_idname, icon="LINKED")
 
 
 class ObjectPanel(SidebarPanel):
@@ -99,7 +107,8 @@ class LookPanel(ObjectPanel, bpy.types.Panel):
         inputs = (look_nodes.LOOK, look_nodes.SIZE, look_nodes.LIT, look_nodes.PAINT, look_nodes.PAINT_SHARE)
         _draw_inputs(layout, modifiers.of(obj, names.LOOK_MODIFIER), inputs)
         if obj.aa4d.playback == "LIVE":
-            layout.prop(parts.lead(obj).aa4d, "view")
+            layout.label(text="Seen From")
+            layout.prop(parts.lead(obj).aa4d, "view", text="")
             layout.operator(operators.FreezeView.bl_idname, icon="FREEZE")
 
 
@@ -152,22 +161,30 @@ class InspectionPanel(ObjectPanel, bpy.types.Panel):
                 _draw_inputs(layout, look, (look_nodes.CROP_OBJECT,))
         _draw_inputs(layout, modifiers.of(obj, names.TIME_MODIFIER), (time_nodes.TRAIL,))
         _draw_inputs(layout, look, (look_nodes.TRAIL_DISTANCE,))
+        if not parts.has_vehicles(obj) and _shows_motion(obj):
+            _draw_text(layout, context, translated(ANCHORS_ALONE))
         layout.operator(operators.LabelActivity.bl_idname, icon="AUTO")
         layout.operator(operators.AddGrid.bl_idname, icon="MESH_GRID")
         layout.operator(operators.MeasureSelection.bl_idname, icon="INFO")
         for line in statistics.get(obj.session_uid, ()):
-            layout.label(text=line, translate=False)
+            _draw_text(layout, context, line)
 
     def draw_legend(self, layout: bpy.types.UILayout, look: bpy.types.Modifier, unit: str) -> None:
         """The colours, the values at their ends, and the unit."""
         ramp = look_nodes.legend_group().nodes[look_nodes.RAMP_NAME]
         box = layout.box()
         box.template_color_ramp(ramp, "color_ramp", expand=False)
-        row = box.row(align=True)
+        column = box.column(align=True)
         for name in (look_nodes.LOW, look_nodes.HIGH):
             text = f"{translated(name)} ({unit})" if unit else translated(name)
-            row.prop(*modifiers.property_of(look, name), text=text, translate=False)
+            column.prop(*modifiers.property_of(look, name), text=text, translate=False)
         box.operator(operators.FitLegend.bl_idname)
+
+
+def _shows_motion(obj: bpy.types.Object) -> bool:
+    """Whether colours, filters or ghosts depend on how anchors move."""
+    shown = playback.wanted_of(obj)
+    return playback.trail_length(obj) > 0 or names.DISPLACEMENT in shown or names.SPEED in shown
 
 
 class OutputPanel(ObjectPanel, bpy.types.Panel):
@@ -188,20 +205,36 @@ class OutputPanel(ObjectPanel, bpy.types.Panel):
         layout.operator(operators.Relink.bl_idname, icon="LINKED")
 
 
+def _draw_text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    """A text in as many lines as the panel's width asks for: Blender cuts what is longer."""
+    region = context.region
+    width = DEFAULT_WIDTH if region is None else region.width / (context.preferences.system.ui_scale or 1)
+    column = layout.column(align=True)
+    for line in textwrap.wrap(text, max(12, int((width - MARGINS) / LETTER))):
+        column.label(text=line, translate=False)
+
+
 def _draw_inputs(
     layout: bpy.types.UILayout, modifier: bpy.types.Modifier | None, inputs: tuple[str, ...] | list[str]
 ) -> None:
-    """The inputs of a modifier, if it is still there."""
+    """The inputs of a modifier, if it is still there.
+
+    Names stand in the fields, those of menus above them: beside them, at the default width, they would be cut.
+    """
     if modifier is None:
         return
     column = layout.column(align=True)
-    column.use_property_split = True
     for name in inputs:
         owner, path = modifiers.property_of(modifier, name)
-        if name == look_nodes.CROP_OBJECT and path != "value":  # a custom property offers no objects to choose from
-            column.prop_search(owner, path, bpy.data, "objects", text=name)
+        if modifiers.menu_items(modifier.node_group, name) or name == look_nodes.CROP_OBJECT:
+            column.label(text=name)
+            text = ""
         else:
-            column.prop(owner, path, text=name)
+            text = name
+        if name == look_nodes.CROP_OBJECT and path != "value":  # a custom property offers no objects to choose from
+            column.prop_search(owner, path, bpy.data, "objects", text=text)
+        else:
+            column.prop(owner, path, text=text)
 
 
 CLASSES = (ImportPanel, TimePanel, LookPanel, VehiclesPanel, InspectionPanel, OutputPanel)

@@ -1,6 +1,6 @@
 """The objects that one import made: its lead, which shows the world, and its vehicles, the lead's children."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -41,11 +41,25 @@ def parts(obj: bpy.types.Object) -> list[bpy.types.Object]:
     return [first, *(child for child in first.children if is_imported(child) and lead(child) == first)]
 
 
-def shown_with(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
-    """The object, and, where it is a lead, its vehicles that a person sees."""
-    yield obj
-    if lead(obj) == obj:
-        yield from (part for part in parts(obj)[1:] if part.visible_get())
+def shown_with(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """What a person sees of the object and, where it is a lead, of its vehicles."""
+    return [part for part in (parts(obj) if lead(obj) == obj else [obj]) if part.visible_get()]
+
+
+def has_vehicles(obj: bpy.types.Object) -> bool:
+    """Whether the model of an imported object knows vehicles that its anchors ride on."""
+    return names.GROUP.name in obj.data.attributes
+
+
+def make_own(objects: Sequence[bpy.types.Object]) -> None:
+    """Give objects that share their mesh with others a copy of it, before it is changed: the others keep theirs."""
+    own = set(objects)
+    copies: dict[bpy.types.Mesh, bpy.types.Mesh] = {}
+    shared = {obj.data for obj in bpy.data.objects if obj not in own}
+    for obj in objects:
+        if obj.data in shared:
+            copies[obj.data] = copies.get(obj.data) or obj.data.copy()
+            obj.data = copies[obj.data]
 
 
 def key_of(obj: bpy.types.Object) -> tuple[str, str]:
@@ -123,15 +137,17 @@ def forget_times() -> None:
     _times.clear()
 
 
-def make_handle(model: Model, group: int, name: str) -> bpy.types.Object:
-    """An empty that rides on a group's trajectory with a key a frame: to parent lamps and cameras to, to aim at."""
+def make_handle(model: Model, group: int, name: str, stretch: float) -> bpy.types.Object:
+    """An empty that rides on a group's trajectory with a key a frame of the clip, `stretch` frames of the timeline
+    apart: to parent lamps and cameras to, to aim at."""
     assert model.groups is not None
     handle = bpy.data.objects.new(name, None)
     handle.empty_display_type, handle.empty_display_size = "ARROWS", HANDLE_M
     handle.rotation_mode = "QUATERNION"
+    handle[names.GROUP.name] = group
     poses = [model.groups.at(model.time_of_rank(rank)) for rank in range(model.frame_count)]
     places = model.scale * np.array([pose.position[group] for pose in poses]) + model.translation
     turns = camera.in_one_hemisphere(np.array([pose.quaternions()[group] for pose in poses]))
-    camera.animate(handle, "location", places)
-    camera.animate(handle, "rotation_quaternion", turns)
+    camera.animate(handle, "location", places, stretch)
+    camera.animate(handle, "rotation_quaternion", turns, stretch)
     return handle

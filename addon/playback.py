@@ -6,13 +6,25 @@ import hashlib
 import os
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from . import carriers, look_nodes, materials, modifiers, names, parts, points, properties, time_nodes
+from . import (
+    affine,
+    carriers,
+    look_nodes,
+    materials,
+    modifiers,
+    names,
+    parts,
+    placement,
+    points,
+    properties,
+    time_nodes,
+)
 from .clip_time import ClipTime
 from .container import Floats, ModelFileError
 from .field import Field, prepare
@@ -21,6 +33,7 @@ from .model import Doubles, read_model
 FRAMES_KEPT_BYTES = 256 * 2**20  # of evaluated frames, so that playing them again costs no more than the copy
 PIECE = 2**20  # bytes at a time, of a file whose hash is taken
 TRAILS_KEPT = 2 * time_nodes.LONGEST_TRAIL
+STANDS_STILL = "it belongs to another file and stands still here; bake it there, or make it and its data local."
 
 
 @dataclass(frozen=True)
@@ -31,6 +44,14 @@ class Loaded:
     content: str  # hash of the file
     frames: dict[str, dict[names.Attribute, Floats]] = dataclasses.field(default_factory=dict)  # by stamp
     trails: dict[tuple[str, int], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
+    center: dict[float, Doubles] = dataclasses.field(default_factory=dict)  # of the capture's camera, at the last t
+
+    def camera_center(self, t: float) -> Doubles:
+        """`Model.camera_center_at`, remembered: all objects of an import ask for the same."""
+        if t not in self.center:
+            self.center.clear()
+            self.center[t] = self.field.model.camera_center_at(t)
+        return self.center[t]
 
     def frame(
         self, stamp: str, carrier: str, t: float, center: Doubles, wanted: frozenset[names.Attribute]
@@ -52,6 +73,16 @@ class Loaded:
                 del self.trails[next(iter(self.trails))]
             self.trails[key] = carriers.positions(self.field, carrier, self.field.model.time_of_rank(rank))
         return self.trails[key]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What an object shows of its model, and from where."""
+
+    rank: float  # of the clip's frame
+    t: float
+    center: tuple[float, float, float]  # where it is seen from, world metres as the model has them
+    trail: int  # ghosts
 
 
 # For the panel: the cost of the last evaluation and the last problem, by the object's session id.
@@ -144,7 +175,7 @@ def wanted_of(obj: bpy.types.Object) -> frozenset[names.Attribute]:
 def camera_center(
     obj: bpy.types.Object, loaded: Loaded, t: float, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
 ) -> Doubles:
-    """Where the points are seen from, [3], in the metres of the object: its own transform may have moved it.
+    """Where the points are seen from, [3], in the model's metres: the object, or its mesh, may have been moved.
 
     All objects of an import are seen from where its lead is: they share one evaluation.
     """
@@ -154,9 +185,26 @@ def camera_center(
     if obj.aa4d.view == properties.ACTIVE and camera is not None:
         if depsgraph is not None:
             camera, obj = camera.evaluated_get(depsgraph), obj.evaluated_get(depsgraph)
-        place = obj.matrix_world.inverted_safe() @ camera.matrix_world.translation
-        return np.array(place, np.float64)
-    return loaded.field.model.camera_center_at(t)
+        return seen_from(obj, camera)
+    return loaded.camera_center(t)
+
+
+def seen_from(obj: bpy.types.Object, camera: bpy.types.Object) -> Doubles:
+    """The camera's place [3] in the metres of the model that an imported object shows."""
+    place = obj.matrix_world.inverted_safe() @ camera.matrix_world.translation
+    return placement.from_mesh(obj.original.data, np.array(place, np.float64))
+
+
+def moment_of(
+    obj: bpy.types.Object, loaded: Loaded, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
+) -> Moment:
+    """What the object is to show at the scene's (fractional) frame."""
+    model = loaded.field.model
+    evaluated = obj if depsgraph is None else obj.evaluated_get(depsgraph)  # with its animation and drivers
+    rank = clip_time_of(evaluated, model.frame_count).rank(scene.frame_current_final)
+    t = model.time_of_rank(rank)
+    x, y, z = camera_center(obj, loaded, t, scene, depsgraph).tolist()
+    return Moment(rank, t, (x, y, z), trail_length(evaluated))
 
 
 def show(
@@ -165,42 +213,55 @@ def show(
     depsgraph: bpy.types.Depsgraph | None = None,
     wanted: frozenset[names.Attribute] | None = None,
     together: frozenset[names.Attribute] = frozenset(),
+    loaded: Loaded | None = None,
 ) -> None:
     """Set the object's attributes to their values at the scene's (fractional) frame; does nothing if they are.
 
-    `wanted` is `wanted_of` the object where that is known; `together` is what the other objects of this model want:
-    evaluated with it, the frame serves them too.
+    `wanted` is `wanted_of` the object and `loaded` its model, where they are known; `together` is what the other
+    objects of this model want: evaluated with it, the frame serves them too.
 
     Raises:
         ModelFileError: as `loaded_of`.
     """
-    loaded = loaded_of(obj)
-    mesh, carrier, model = obj.data, obj.aa4d.carrier, loaded.field.model
-    evaluated = obj if depsgraph is None else obj.evaluated_get(depsgraph)  # with its animation and drivers
-    rank = clip_time_of(evaluated, model.frame_count).rank(scene.frame_current_final)
-    t = model.time_of_rank(rank)
-    center = camera_center(obj, loaded, t, scene, depsgraph)
-    wanted = wanted_of(evaluated) if wanted is None else wanted
-    trail = trail_length(evaluated)
-    moment = f"{carrier} {t!r} {center.tolist()}"
-    stamp = f"{loaded.content} {moment} {sorted(a.name for a in wanted)} {trail}"
+    loaded = loaded_of(obj) if loaded is None else loaded
+    mesh, carrier = obj.data, obj.aa4d.carrier
+    moment = moment_of(obj, loaded, scene, depsgraph)
+    if wanted is None:
+        wanted = wanted_of(obj if depsgraph is None else obj.evaluated_get(depsgraph))
+    stamp = _stamp(loaded, carrier, moment, wanted)
     # The stamp lies on the mesh and not in this module, so that undo and reload take it back with the positions.
     if mesh.get(names.STAMP_PROPERTY) == stamp:
         return
     check_fits(obj, loaded)
     start = time.perf_counter()
     rows = rows_of(mesh)
+    if placement.follow_live(obj, loaded.field, rows):
+        print(f"AdaAnchor4D: {obj.name}: points that were moved by hand are back where the model has them.")
+    matrix = placement.map_of(mesh)
+    if matrix is not None:
+        moment = moment_of(obj, loaded, scene, depsgraph)  # seen from elsewhere, where the map is new
+        stamp = _stamp(loaded, carrier, moment, wanted)
     together |= wanted
-    evaluation = f"{moment} {sorted(a.name for a in together)}"
-    for attribute, values in loaded.frame(evaluation, carrier, t, center, together).items():
-        if attribute in names.APPEARANCE or attribute in wanted:
-            points.write(mesh, attribute.name, attribute.type, values[rows])
-    for age in range(1, trail + 1):
-        before = loaded.trail(carrier, max(int(rank) - age, 0))
-        points.write(mesh, names.trail_name(age), "FLOAT_VECTOR", before[rows])
+    evaluation = f"{carrier} {moment.t!r} {moment.center} {sorted(a.name for a in together)}"
+    frame = loaded.frame(evaluation, carrier, moment.t, np.array(moment.center), together)
+    values = {a: array[rows] for a, array in frame.items() if a in names.APPEARANCE or a in wanted}
+    if matrix is not None:
+        values = affine.moved(values, matrix)
+    for attribute, array in values.items():
+        points.write(mesh, attribute.name, attribute.type, array)
+    for age in range(1, moment.trail + 1):
+        before = loaded.trail(carrier, max(int(moment.rank) - age, 0))[rows]
+        before = before if matrix is None else affine.moved_places(before, matrix)
+        points.write(mesh, names.trail_name(age), "FLOAT_VECTOR", before)
+    placement.remember(mesh, moment.t)
     mesh[names.STAMP_PROPERTY] = stamp
     mesh.update()
     milliseconds[obj.session_uid] = 1000 * (time.perf_counter() - start)
+
+
+def _stamp(loaded: Loaded, carrier: str, moment: Moment, wanted: frozenset[names.Attribute]) -> str:
+    """What tells apart two states of a mesh."""
+    return f"{loaded.content} {carrier} {moment.t!r} {moment.center} {sorted(a.name for a in wanted)} {moment.trail}"
 
 
 def rows_of(mesh: bpy.types.Mesh) -> slice | np.ndarray:
@@ -216,21 +277,21 @@ def trail_length(obj: bpy.types.Object) -> int:
     return 0 if modifier is None else modifiers.get(modifier, time_nodes.TRAIL)
 
 
-def is_live(obj: bpy.types.Object) -> bool:
-    """Whether this object is evaluated here; not in edit mode, where the mesh belongs to the person, nor where it
-    belongs to another file."""
-    if obj.type != "MESH" or not obj.aa4d.filepath or obj.library is not None or obj.data.library is not None:
-        return False
-    return obj.aa4d.playback == "LIVE" and obj.mode != "EDIT"
+def is_ours(obj: bpy.types.Object) -> bool:
+    """Whether the object's points can be changed here: those of another file's objects cannot."""
+    return obj.library is None and obj.data.library is None
 
 
-def live_objects(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    """One object of each live mesh: copies that share a mesh share its points."""
-    seen = set()
+def live_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The scene's objects that are evaluated here, also those that it only shows as instances of a collection.
+
+    Not in edit mode, where the mesh belongs to the person.
+    """
+    found = dict.fromkeys(scene.objects)
     for obj in scene.objects:
-        if is_live(obj) and obj.data not in seen:
-            seen.add(obj.data)
-            yield obj
+        if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
+            found |= dict.fromkeys(obj.instance_collection.all_objects)
+    return [obj for obj in found if parts.is_imported(obj) and obj.aa4d.playback == "LIVE" and obj.mode != "EDIT"]
 
 
 @bpy.app.handlers.persistent
@@ -240,26 +301,82 @@ def refresh(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None
     Called after a change of frame, of sub-frame too (motion blur), when animation and drivers have been evaluated, and
     after any other change, for the inputs of the modifiers.
     """
+    if depsgraph is not None:
+        for update in depsgraph.updates:
+            if isinstance(update.id, bpy.types.Mesh) and update.id.original.library is None:
+                _follow_baked(update.id.original)
     alone = [obj for obj in scene.objects if parts.is_imported(obj) and obj.parent is None and obj.library is None]
     orphans = [obj for obj in alone if parts.keep_time(obj)]
     if orphans:
         depsgraph = None  # its copies do not have the time yet that was just given back
-    live = list(live_objects(scene))
+    with modifiers.unchanged_groups():
+        _show_all(live_objects(scene), scene, depsgraph)
+
+
+def _show_all(live: list[bpy.types.Object], scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> None:
+    """Bring these objects to the current frame; what is wrong with one is said and leaves the others alone."""
+    for obj in live:
+        if not is_ours(obj):
+            _say(obj, STANDS_STILL)
+    live = [obj for obj in live if is_ours(obj)]
     wanted = {obj: wanted_of(obj if depsgraph is None else obj.evaluated_get(depsgraph)) for obj in live}
     together: dict[tuple[str, str], frozenset[names.Attribute]] = {}
     for obj in live:
         key = parts.key_of(obj)
         together[key] = together.get(key, frozenset()) | wanted[obj]
-    for obj in live:
-        try:
-            show(obj, scene, depsgraph, wanted[obj], together[parts.key_of(obj)])
-            problems.pop(obj.session_uid, None)
-        except (ModelFileError, MemoryError) as error:
-            # A handler has no report line: say it once on the console, and in the panel while it lasts.
-            message = str(error) or "there is not enough memory for this frame."
-            if message not in (problems.get(obj.session_uid), problems.get(parts.lead(obj).session_uid)):
-                print(f"AdaAnchor4D: {obj.name}: {message}")
-            problems[obj.session_uid] = message
+    found: dict[tuple[str, ...], Loaded] = {}
+    for users in _users_of_meshes(live):
+        needed = frozenset().union(*(wanted[obj] for obj in users))
+        for obj in users:
+            try:
+                if obj != users[0]:
+                    _separate(obj, users[0], scene, depsgraph)
+                    if obj.data == users[0].data:
+                        continue
+                link = (obj.aa4d.filepath, obj.aa4d.last_place, obj.aa4d.content)
+                if link not in found:  # once for all objects of an import: it asks for the file
+                    found[link] = loaded_of(obj)
+                show(obj, scene, depsgraph, needed, together[parts.key_of(obj)], found[link])
+                problems.pop(obj.session_uid, None)
+            except (ModelFileError, MemoryError) as error:
+                _say(obj, str(error) or "there is not enough memory for this frame.")
+
+
+def _say(obj: bpy.types.Object, message: str) -> None:
+    """A handler has no report line: say it once on the console, and in the panel while it lasts."""
+    if message not in (problems.get(obj.session_uid), problems.get(parts.lead(obj).session_uid)):
+        print(f"AdaAnchor4D: {obj.name}: {message}")
+    problems[obj.session_uid] = message
+
+
+def _users_of_meshes(objects: Iterable[bpy.types.Object]) -> list[list[bpy.types.Object]]:
+    """The objects, those together that share a mesh."""
+    users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {}
+    for obj in objects:
+        users.setdefault(obj.data, []).append(obj)
+    return list(users.values())
+
+
+def _separate(
+    obj: bpy.types.Object, first: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
+) -> None:
+    """Give a linked duplicate points of its own once it is to show something else: a mesh has one time and one view.
+
+    Raises:
+        ModelFileError: as `loaded_of`.
+    """
+    moments = [(parts.key_of(o), moment_of(o, loaded_of(o), scene, depsgraph)) for o in (obj, first)]
+    if moments[0] != moments[1]:
+        parts.make_own([obj])
+
+
+def _follow_baked(mesh: bpy.types.Mesh) -> None:
+    """Keep what a person did to the points of a baked mesh."""
+    if not placement.has_keys(mesh):
+        return
+    users = [obj for obj in bpy.data.objects if obj.data == mesh]
+    if users and all(obj.aa4d.playback == "BAKED" and obj.mode == "OBJECT" for obj in users):
+        placement.follow_baked(mesh)
 
 
 @bpy.app.handlers.persistent

@@ -14,11 +14,13 @@ from .field import Indices
 FIELDS = {
     "FLOAT": ("value", 1),
     "INT": ("value", 1),
+    "BOOLEAN": ("value", 1),
     "FLOAT_VECTOR": ("vector", 3),
     "FLOAT_COLOR": ("color", 4),
     "BYTE_COLOR": ("color", 4),
     "QUATERNION": ("value", 4),
 }
+DTYPES = {"INT": np.int32, "BOOLEAN": np.bool_}  # of what is not made of floats
 
 
 def create_mesh(name: str, ids: npt.NDArray[np.integer]) -> bpy.types.Mesh:
@@ -36,15 +38,14 @@ def create_mesh(name: str, ids: npt.NDArray[np.integer]) -> bpy.types.Mesh:
 def write(mesh: bpy.types.Mesh, name: str, kind: str, values: Any) -> None:
     """Set a point attribute from one row a vertex, creating it where it is missing."""
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, "POINT")
-    dtype = np.int32 if kind == "INT" else np.float32
-    attribute.data.foreach_set(FIELDS[kind][0], np.ascontiguousarray(values, dtype).ravel())
+    attribute.data.foreach_set(FIELDS[kind][0], np.ascontiguousarray(values, DTYPES.get(kind, np.float32)).ravel())
 
 
 def read(data: Any, name: str) -> Any:
     """A point attribute of a mesh or a point cloud, one row a point."""
     attribute = data.attributes[name]
     field, width = FIELDS[attribute.data_type]
-    values = np.empty(len(attribute.data) * width, np.int32 if attribute.data_type == "INT" else np.float32)
+    values = np.empty(len(attribute.data) * width, DTYPES.get(attribute.data_type, np.float32))
     attribute.data.foreach_get(field, values)
     return values.reshape(-1, width) if width > 1 else values
 

@@ -35,6 +35,9 @@ class AA4DObjectSettings(bpy.types.PropertyGroup):
     content: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Content", description="The hash of the model file that this object was made from"
     )
+    fps: bpy.props.FloatProperty(  # type: ignore[valid-type]
+        name="Frame Rate", description="Frames a second of the clip that the speed was set for", min=0.0
+    )
     carrier: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Carrier", description="What the points stand for", items=CARRIER_ITEMS
     )

@@ -1,13 +1,24 @@
 """What an import may change in the scene: the clip's timeline, and, only when asked, the look."""
 
+import math
+
 import bpy
 import numpy as np
 
-from . import names
+from . import names, parts
 from .carriers import linear_rgba
 from .model import Model
 
+SAME_RATE = 1e-5  # Blender keeps a rate as a whole number and a float
 TRANSPARENT_BOUNCES = 64  # Cycles' default of 8 turns overlapping Gaussians black
+
+
+def is_timed(scene: bpy.types.Scene) -> bool:
+    """Whether something plays in the scene that another frame rate would make faster or slower."""
+    return any(
+        parts.is_imported(obj) or (obj.animation_data is not None and obj.animation_data.action is not None)
+        for obj in scene.objects
+    )
 
 
 def set_timeline(scene: bpy.types.Scene, model: Model) -> None:
@@ -22,12 +33,35 @@ def set_timeline(scene: bpy.types.Scene, model: Model) -> None:
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1.0 / aspect)
 
 
+def extend_timeline(scene: bpy.types.Scene, model: Model) -> None:
+    """Let the frame range of a scene whose rate must stay hold the clip as well."""
+    last = names.FIRST_FRAME + math.ceil((model.frame_count - 1) * stretch(scene, model) - SAME_RATE)
+    scene.frame_start, scene.frame_end = min(scene.frame_start, names.FIRST_FRAME), max(scene.frame_end, last)
+
+
+def stretch(scene: bpy.types.Scene, model: Model) -> float:
+    """How many frames of the scene last as long as one of the clip."""
+    ratio = scene.render.fps / scene.render.fps_base / model.fps
+    return 1.0 if abs(ratio - 1) < SAME_RATE else ratio
+
+
+def has_cycles(scene: bpy.types.Scene) -> bool:
+    """Whether Cycles is there: it is an add-on, which can be switched off or left out of a build."""
+    return hasattr(scene, "cycles")
+
+
+def use_cycles(scene: bpy.types.Scene) -> None:
+    """Cycles, with bounces enough for Gaussians."""
+    scene.render.engine = "CYCLES"
+    scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, TRANSPARENT_BOUNCES)
+
+
 def set_up_scene(scene: bpy.types.Scene, camera: bpy.types.Object | None, model: Model) -> None:
-    """The drone camera, colours as trained (Standard view transform), the model's background, Cycles for Gaussians."""
+    """The drone camera, colours as trained (Standard view transform), the model's background, Cycles where it is."""
     if camera is not None:
         scene.camera = camera
-    scene.render.engine = "CYCLES"
-    scene.cycles.transparent_max_bounces = TRANSPARENT_BOUNCES
+    if has_cycles(scene):
+        use_cycles(scene)
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
     world = bpy.data.worlds.new("AdaAnchor4D Background")

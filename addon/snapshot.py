@@ -8,13 +8,13 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from . import groups, look_nodes, modifiers, names, points
+from . import affine, look_nodes, materials, modifiers, names, parts, points
 from .container import Floats
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The points at one time. World metres where the object was not moved."""
+    """The points at one time, in world metres, as they are drawn."""
 
     ids: npt.NDArray[np.int32]  # [n]
     positions: Floats  # [n, 3]
@@ -23,68 +23,78 @@ class Snapshot:
     radius: Floats  # [n]
     scales: Floats  # [n, 3]
     rotations: Floats  # [n, 4]
-    seen: npt.NDArray[np.bool_]  # [n] opaque enough for its object's look to draw it
+    seen: npt.NDArray[np.bool_]  # [n] what the filters and the crop of its object's look let through
 
 
 @contextmanager
-def without_look(obj: bpy.types.Object) -> Iterator[None]:
-    """Switch the look off for a while: what is left of the object are its points and their attributes."""
-    look = modifiers.of(obj, names.LOOK_MODIFIER)
-    if look is None:
-        yield
-        return
-    shown, look.show_viewport = look.show_viewport, False
+def stand_ins(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> Iterator[list[bpy.types.Object]]:
+    """Copies of the objects, for a while, that are points and not what the look draws at them; the objects themselves
+    are left alone."""
+    copies = []
     try:
-        yield
+        for obj in objects:
+            copy = obj.copy()
+            copies.append(copy)
+            scene.collection.objects.link(copy)
+            copy.hide_viewport = False
+            look = modifiers.of(copy, names.LOOK_MODIFIER)
+            if look is None:
+                continue
+            look.show_viewport = True
+            kept = modifiers.values_of(look)
+            look.node_group = look_nodes.shown_group()
+            for name, value in modifiers.values_of(look).items():  # all survive the change, but for older groups
+                if kept.get(name, value) != value:
+                    modifiers.put(look, name, kept[name])
+            if copy.aa4d.playback == "LIVE":
+                modifiers.put(look, look_nodes.LOOK, materials.GAUSSIANS)  # so that shapes are evaluated
+        yield copies
     finally:
-        look.show_viewport = shown
+        for copy in copies:
+            bpy.data.objects.remove(copy)
 
 
 def take(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Snapshot:
-    """The points of these objects now, in the metres of the first; their looks must be off, see `without_look`."""
+    """The points of these `stand_ins` now.
+
+    Raises:
+        OSError: a modifier of the person has made something else of them.
+    """
     depsgraph.update()
-    taken = [_take(obj, objects[0], depsgraph) for obj in objects]
+    taken = [_take(obj, depsgraph) for obj in objects]
     return Snapshot(*(np.concatenate(columns) for columns in zip(*taken, strict=True)))
 
 
-def _take(obj: bpy.types.Object, first: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, ...]:
-    """The fields of a snapshot of one object, as the first one's frame has them: a person may have moved it."""
+def _take(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, ...]:
+    """The fields of a snapshot of one object."""
     evaluated = obj.evaluated_get(depsgraph)
-    data = evaluated.data
-    ids = points.read(data, names.ID.name).astype(np.int32)
-    values = {a: points.read(data, a.name) for a in (*names.APPEARANCE, *names.SHAPE)}
-    if obj != first:
-        beside = first.evaluated_get(depsgraph).matrix_world.inverted_safe() @ evaluated.matrix_world
-        matrix, grown = np.array(beside, np.float32), beside.median_scale
-        if not np.allclose(matrix, np.eye(4), atol=1e-6):
-            values[names.POSITION] = values[names.POSITION] @ matrix[:3, :3].T + matrix[:3, 3]
-            values[names.ROTATION] = groups.product(np.array(beside.to_quaternion()), values[names.ROTATION])
-            values[names.SCALE], values[names.RADIUS] = grown * values[names.SCALE], grown * values[names.RADIUS]
+    data, needed = evaluated.data, (*names.APPEARANCE, *names.SHAPE, names.ID)
+    missing = [attribute.name for attribute in needed if attribute.name not in data.attributes]
+    if missing:
+        raise OSError(f"{obj.name} has no {missing[0]} after its modifiers; switch off those that are not its own.")
+    values = {attribute: points.read(data, attribute.name) for attribute in needed}
+    matrix = np.array(evaluated.matrix_world, np.float64)
+    if not np.array_equal(matrix, np.eye(4)):
+        values = affine.moved(values, matrix)
+    filtered = names.SHOWN.name in data.attributes
     return (
-        ids,
+        values[names.ID].astype(np.int32),
         values[names.POSITION],
         values[names.COLOR],
         values[names.OPACITY],
         values[names.RADIUS],
         values[names.SCALE],
         values[names.ROTATION],
-        values[names.OPACITY] >= faintest(obj),
+        points.read(data, names.SHOWN.name) if filtered else np.ones(len(values[names.ID]), bool),
     )
 
 
-def faintest(obj: bpy.types.Object) -> float:
-    """The opacity below which the object's look draws nothing."""
-    look = modifiers.of(obj, names.LOOK_MODIFIER)
-    if look is None:
-        return 0.0
-    return float(modifiers.get(look, look_nodes.MINIMUM_OPACITY))
-
-
-def statistics(mesh: bpy.types.Mesh, chosen: npt.NDArray[np.bool_]) -> list[str]:
-    """What there is to say about some of the points, a line each."""
+def statistics(obj: bpy.types.Object, chosen: npt.NDArray[np.bool_]) -> list[str]:
+    """What there is to say about some of the object's points, a line each; places in the world."""
     if not chosen.any():
         return ["Nothing is selected"]
-    xyz = points.read(mesh, names.POSITION.name)[chosen]
+    mesh = obj.data
+    xyz = affine.moved_places(points.read(mesh, names.POSITION.name)[chosen], np.array(obj.matrix_world, np.float64))
     opacity = points.read(mesh, names.OPACITY.name)[chosen]
     size = np.ptp(xyz, axis=0)
     lines = [
@@ -97,5 +107,6 @@ def statistics(mesh: bpy.types.Mesh, chosen: npt.NDArray[np.bool_]) -> list[str]
         if attribute.name in mesh.attributes:
             values = points.read(mesh, attribute.name)[chosen]
             word = attribute.name.removeprefix("aa_")
+            word += "" if parts.has_vehicles(obj) else " of the anchors"  # which traffic passes along
             lines.append(f"{word} {values.mean():.2f} {unit} in the mean, {values.max():.2f} at most")
     return lines

@@ -120,7 +120,8 @@ def clip_time_of(modifier: bpy.types.Modifier) -> clip_time.ClipTime:
 def _make_inputs(tree: Tree) -> None:
     tree.open_panel("Time")
     tree.make_input(START, "Float", "The timeline's frame that shows the clip's first frame", default_value=1.0)
-    tree.make_input(SPEED, "Float", "Frames of the clip for each frame of the timeline", default_value=1.0)
+    speed = "Frames of the clip for each frame of the timeline; the import sets it so that seconds are kept"
+    tree.make_input(SPEED, "Float", speed, default_value=1.0)
     tree.make_input(REVERSE, "Bool", "Play from the last frame to the first")
     tree.make_input(OUTSIDE, "Menu", "What is shown before and after the clip", default_value=clip_time.HOLD)
     tree.make_input(BY_HAND, "Bool", "Show the time below, which can be keyed or driven, and leave the timeline alone")

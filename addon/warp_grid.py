@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 
+from . import placement
 from .container import Floats
 from .model import Doubles, Model
 
@@ -43,6 +44,9 @@ def _line_places(boundaries: Floats, cells: int) -> Doubles:
 def create_grid(model: Model, parent: bpy.types.Object) -> bpy.types.Object:
     """The grid as an object of edges that moves with the points and is not rendered."""
     vertices, edges = grid_planes(model)
+    matrix = placement.map_of(parent.data)
+    if matrix is not None:
+        vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     mesh = bpy.data.meshes.new(f"{parent.name} DACW Grid")
     mesh.from_pydata(vertices.tolist(), edges, [])
     grid = bpy.data.objects.new(mesh.name, mesh)

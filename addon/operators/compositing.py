@@ -4,6 +4,7 @@ import bpy
 from bpy.app.translations import pgettext_rpt as translated
 
 from .. import compositing, parts
+from ..scene import has_cycles
 from .on_imported import OnOwnObject
 
 
@@ -23,6 +24,14 @@ class SetUpCompositing(OnOwnObject, bpy.types.Operator):
     passes: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Passes", description="Render depth, Cryptomatte, and the number of the anchor as passes", default=True
     )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Shadow catchers and holdouts are Cycles' own."""
+        if has_cycles(context.scene):
+            return super().poll(context)
+        cls.poll_message_set("Cycles is switched off; switch it on in Preferences > Add-ons")
+        return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set up for the active object."""

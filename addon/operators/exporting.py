@@ -72,6 +72,14 @@ class ExportUsd(_Export, bpy.types.Operator):
     filename_ext = ".usdc"
     filter_glob: bpy.props.StringProperty(default="*.usd;*.usdc;*.usda", options={"HIDDEN"})  # type: ignore[valid-type]
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Blender itself must know USD."""
+        if exporter.has_usd():
+            return super().poll(context)
+        cls.poll_message_set("This Blender was built without USD")
+        return False
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Export the active object."""
         obj = context.active_object

@@ -6,8 +6,9 @@ import bpy
 from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ImportHelper
 
-from .. import bake, importer, look_nodes, materials, names, parts, properties
+from .. import bake, first_sight, importer, look_nodes, materials, names, parts, properties
 from ..container import ModelFileError
+from ..scene import has_cycles
 from .baking import bake_now
 
 LOOK_ITEMS = (
@@ -46,7 +47,8 @@ class ImportModel(bpy.types.Operator, ImportHelper):
     )
     set_timeline: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Set Timeline",
-        description="Set the scene's frame range, frame rate and resolution to the clip's",
+        description="Set the scene's frame range, frame rate and resolution to the clip's. Where something is animated "
+        "already the rate stays, and the clip plays by its seconds",
         default=True,
     )
     set_up_scene: bpy.props.BoolProperty(  # type: ignore[valid-type]
@@ -61,6 +63,11 @@ class ImportModel(bpy.types.Operator, ImportHelper):
     )
     bake: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Bake", description="Bake the clip at once: plays back without the model file and this add-on"
+    )
+    show: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Show at Once",
+        description="Let the 3D views show the colours, in Material Preview, and look at the scene as the drone does",
+        default=True,
     )
     largest: bpy.props.IntProperty(  # type: ignore[valid-type]
         name="Most Points",
@@ -103,20 +110,28 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             imported = importer.import_model(self.filepath, context.scene, context.collection, options)
             if self.bake:
                 bake_now(context, imported.points, bake.BakeOptions())
-        except ModelFileError as error:
-            self.report({"ERROR"}, str(error))
+        except (ModelFileError, MemoryError) as error:
+            self.report({"ERROR"}, str(error) or translated("There is not enough memory for this import"))
             return {"CANCELLED"}
         for obj in context.selected_objects:
             obj.select_set(False)
         imported.points.select_set(True)
         context.view_layer.objects.active = imported.points
         together = parts.parts(imported.points)
+        if self.show:
+            first_sight.show(context.screen, together, imported.model)
         message = translated("Imported {:,} points over {} frames; Material Preview shows their colours")
         count = sum(len(part.data.vertices) for part in together)
         text = message.format(count, imported.model.frame_count)
         if len(together) > 1:
             text += translated("; {} vehicles").format(len(together) - 1)
+        if imported.stretch != 1:
+            render = context.scene.render
+            rate = render.fps / render.fps_base
+            text += translated("; {:.4g} frames a second in a scene of {:.4g}").format(imported.model.fps, rate)
         self.report({"INFO"}, text)
+        if self.set_up_scene and not has_cycles(context.scene):
+            self.report({"WARNING"}, translated("Cycles is switched off: the render engine stays as it was"))
         return {"FINISHED"}
 
 

@@ -74,7 +74,7 @@ class MeasureSelection(bpy.types.Operator):
             bpy.ops.object.mode_set(mode="OBJECT")
         chosen = np.zeros(len(obj.data.vertices), bool)
         obj.data.vertices.foreach_get("select", chosen)
-        lines = snapshot.statistics(obj.data, chosen)
+        lines = snapshot.statistics(obj, chosen)
         if mode == "EDIT":
             bpy.ops.object.mode_set(mode="EDIT")
         statistics[obj.session_uid] = lines

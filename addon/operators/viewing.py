@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import parts, properties
+from .. import parts, playback, properties
 from .on_imported import REGISTER_UNDO, OnOwnObject
 
 
@@ -21,6 +21,6 @@ class FreezeView(OnOwnObject, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Freeze the view of the active object's import."""
         obj = parts.lead(context.active_object)
-        place = obj.matrix_world.inverted_safe() @ context.scene.camera.matrix_world.translation
-        obj.aa4d.frozen_view, obj.aa4d.view = place, properties.FROZEN
+        obj.aa4d.frozen_view = playback.seen_from(obj, context.scene.camera)
+        obj.aa4d.view = properties.FROZEN
         return {"FINISHED"}

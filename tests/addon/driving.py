@@ -42,6 +42,15 @@ def go_to(bpy: Any, frame: float) -> None:
     bpy.context.scene.frame_set(int(frame // 1), subframe=frame % 1)
 
 
+def clip_positions(bpy: Any, obj: Any, ranks: list[float]) -> np.ndarray:
+    """The positions of a live object at ranks of the clip, before its time was changed."""
+    result = []
+    for rank in ranks:
+        go_to(bpy, rank + 1)
+        result.append(attribute(obj.data, "position"))
+    return np.array(result)
+
+
 def attribute(data: Any, name: str) -> np.ndarray:
     layer = data.attributes[name]
     field, width = WIDTHS[layer.data_type]

@@ -89,6 +89,7 @@ def test_panels_draw_properties_that_exist(bpy: Any, extension: str, model_path:
             owner, path = call.args
             assert (owner.path_resolve(path) if path.startswith("[") else getattr(owner, path)) is not None
             drawn.append(call.kwargs.get("text"))
+        drawn += [call.kwargs.get("text") for call in layout.label.call_args_list]
     assert {"Start Frame", "Look", "Colour By", "Trail", "Cast Shadows"} <= set(drawn)
     assert ("Low" in drawn or "Low (m/s)" in drawn) == (shown in ("Plane Weight", "Speed"))
 

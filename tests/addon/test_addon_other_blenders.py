@@ -14,12 +14,17 @@ from model_files import make_model, write_model
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NEEDS = ("numpy", "pillow", "pytest")
+FILES = (
+    *("blender", "clip_playback", "inspection", "links", "export", "compositing", "interface", "vehicles"),
+    *("kept_changes", "frame_rates"),
+)
 # What a version can break: installing, evaluating, node groups, baking, saving, undo, rendering.
 ESSENTIAL = (
     "disables_and_enables or panels_draw or live_points_follow or draws_what or bake_equals_live or baked_file_needs "
     "or drone_camera or save_and_reload or undo or deleted_by_hand or rendered_colour or clip_time_live or keyed "
     "or colours_show or ghosts or filters or discs or usd or splats or relinked or motion_blur or passes or shadow "
-    "or vehicle or orphaned or dropped"
+    "or vehicle or orphaned or dropped or duplicate or applied or stands_still "
+    "or seconds or rate or half_an_import or drawn or nothing_shown or without_cycles or without_usd"
 )
 
 
@@ -59,7 +64,7 @@ def run_tests(python: Path, expression: str, timeout: int) -> str:
     # The outer conftest is for torch, which is not there.
     command = [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, "--rootdir", "."]
     command += ["--confcutdir", "."]
-    files = [f"test_addon_{name}.py" for name in ("blender", "features", "vehicles")]
+    files = [f"test_addon_{name}.py" for name in FILES]
     settings = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
         [*command, *files, "-k", expression],
