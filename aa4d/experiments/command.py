@@ -17,7 +17,7 @@ from aa4d.experiments.variants import Experiment
 from aa4d.methods.adaanchor4d.settings import PRESETS
 from aa4d.methods.settings import MotionSettings, with_iterations
 
-WIDTH = 120
+WIDTH = 180
 
 
 def run(
@@ -59,7 +59,7 @@ def run(
         wide.print(table, crop=False)
     console.print(
         f"{config.coarse_iterations} + {config.fine_iterations} iterations; ± is the standard deviation over seeds\n"
-        f"tables: {out / 'table.md'}, {out / 'table.csv'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
+        f"tables: {out / 'table.md'}, {out / 'pooled.md'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
         highlight=False,
         soft_wrap=True,
     )
