@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 import string
+import textwrap
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from aa4d.errors import InputError
 from aa4d.files import read_json_object
+
+WIDTH = 120  # characters of a line in docs/
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,8 @@ def markdown(measured: Measured) -> str:
     table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     load = f", load average {measured.load}" if measured.load else ""
     note = f" {measured.note}" if measured.note else ""
-    return f"{table}\n\n`{measured.command}`; {measured.date}, {measured.machine}{load}.{note}\n"
+    source = f"`{measured.command}`; {measured.date}, {measured.machine}{load}.{note}"
+    return f"{table}\n\n{textwrap.fill(source, WIDTH, break_long_words=False, break_on_hyphens=False)}\n"
 
 
 def _cell(template: str, row: dict[str, Any]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import torch
@@ -16,7 +15,6 @@ from aa4d.raster.types import Gaussians
 
 FAINTEST = 1 / 255  # opacity below which no rasteriser draws a Gaussian: left out
 Array = NDArray[np.float64]
-Axes = Literal["world", "viewer"]
 
 # From world (x east, y north, z up) to x right, y down, z forward, which splat viewers take for upright.
 VIEWER = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -42,7 +40,7 @@ class Clip:
     loaded: LoadedModel
     path: CameraPath
     eye: Array | None  # [3] metres, the same for all views; None: each view's own camera
-    axes: Axes = "world"
+    axes: str = "world"  # of aa4d.export.AXES
 
     def __len__(self) -> int:
         return len(self.path.views)
@@ -114,7 +112,7 @@ def world_gaussians(loaded: LoadedModel, t: float, eye_m: Array) -> WorldGaussia
         quaternions=np.where(quaternions[:, :1] < 0, -quaternions, quaternions),
         scales=decoded.scales.double().numpy()[drawn] * frame.unit_m,
         opacities=opacities[drawn],
-        colors=decoded.colors.double().numpy()[drawn],
+        colors=decoded.colors.clamp(0, 1).double().numpy()[drawn],  # harmonics may exceed 1
         group=None if member is None else member.numpy()[drawn // loaded.model.per_unit].astype(np.int32),
     )
 

@@ -15,8 +15,8 @@ from plyfile import PlyData
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.export import export
-from aa4d.export.clip import Clip
+from aa4d.export import EXPORTERS, export
+from aa4d.export.clip import Clip, mean_eye
 from aa4d.filming.camera_path import path_of_frames
 from aa4d.filming.film import film
 from aa4d.methods import DEFAULT, METHODS, method_of
@@ -117,9 +117,12 @@ def test_it_is_filmed_with_every_layer_that_asks_for_nothing_more(run: Path, tmp
     assert len(list((tmp_path / "motion").glob("*.png"))) == 2
 
 
-def test_it_is_exported_as_splats(run: Path, tmp_path: Path) -> None:
+def test_it_is_exported_in_every_format(run: Path, tmp_path: Path) -> None:
     loaded = load_model(run / "model.safetensors")
-    export(Clip(loaded, path_of_frames(loaded, "held-out"), None), "ply", tmp_path / "ply", silent)
+    path = path_of_frames(loaded, "held-out")
+    for name, exporter in EXPORTERS.items():
+        eye = mean_eye(path) if exporter.states_axes else None
+        export(Clip(loaded, path, eye), name, tmp_path / name, silent)
     files = sorted((tmp_path / "ply").glob("*.ply"))
     vertices = PlyData.read(str(files[0]))["vertex"]
     assert 0 < len(vertices) <= len(loaded.model) * loaded.model.per_unit
