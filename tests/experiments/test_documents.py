@@ -51,6 +51,16 @@ def test_no_table_under_measured_is_written_by_hand(page: Path) -> None:
         assert not re.search(r"^\|", by_hand, re.MULTILINE)
 
 
+@pytest.mark.parametrize("page", [*PAGES, *DOCS.parent.glob("*.md")], ids=lambda page: page.name)
+def test_links_between_pages_lead_somewhere(page: Path) -> None:
+    for target, anchor in re.findall(r"\]\(([^):#\s]*)(?:#([^)\s]*))?\)", page.read_text()):
+        other = page.parent / target if target else page
+        assert other.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", other.read_text(), re.MULTILINE)
+            assert anchor in [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
+
+
 def test_a_page_gets_its_table_with_command_machine_and_load(tmp_path: Path) -> None:
     docs = documents(tmp_path)
     render(docs)
