@@ -17,7 +17,7 @@ from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
 from aa4d.settings.given import Given, Options
 
-WIDTH = 120
+WIDTH = 180
 
 
 def run(
@@ -63,7 +63,7 @@ def run(
     console.print(
         f"{settings.coarse_iterations} + {settings.fine_iterations} iterations; "
         "± is the standard deviation over seeds\n"
-        f"tables: {out / 'table.md'}, {out / 'table.csv'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
+        f"tables: {out / 'table.md'}, {out / 'pooled.md'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
         highlight=False,
         soft_wrap=True,
     )

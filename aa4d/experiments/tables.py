@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 from aa4d.experiments.trial import Row
 from aa4d.experiments.variants import Experiment
 from aa4d.files import whole_file, write_text
+
+ACTIVITY = "psnr_activity."
+POOLED = "differences over all pairs of capture and seed, mean ± standard error"
 
 
 @dataclass(frozen=True)
@@ -30,11 +35,23 @@ def columns_of(rows: list[Row]) -> list[Column]:
     known = [
         Column("psnr", "PSNR", 2),
         Column("psnr_dynamic", "Dyn-PSNR", 2),
+        Column("psnr_still", "Still-PSNR", 2),
         Column("ssim", "SSIM", 4),
         *(Column(key, f"LPIPS {key.removeprefix('lpips.')}", 4) for key in lpips),
+        Column("motion_epe_px", "motion error px", 2),
+        Column("travel_ratio", "travel", 2),
+        Column("group_error_m", "group error m", 2),
         Column("training_seconds", "seconds", 0),
     ]
     return [column for column in known if column.key in measured]
+
+
+def pooled_columns_of(rows: list[Row]) -> list[Column]:
+    """Those of the table, training frames, and every activity class."""
+    activity = dict.fromkeys(key for row in rows for key in row if key.startswith(ACTIVITY))
+    more = [Column("psnr_training", "training PSNR", 2)] if any("psnr_training" in row for row in rows) else []
+    more += [Column(key, f"PSNR {key.removeprefix(ACTIVITY)}", 2) for key in activity]
+    return [*columns_of(rows), *more]
 
 
 @dataclass(frozen=True)
@@ -49,9 +66,23 @@ class Spread:
     def of(values: list[float]) -> Spread:
         return Spread(statistics.fmean(values), statistics.stdev(values) if len(values) > 1 else None, len(values))
 
+    @property
+    def standard_error(self) -> float | None:
+        """Of the mean."""
+        return None if self.deviation is None else self.deviation / math.sqrt(self.count)
+
     def text(self, digits: int, *, signed: bool = False) -> str:
-        mean = f"{self.mean:{'+' if signed else ''}.{digits}f}"
-        return mean if self.deviation is None else f"{mean} ±{self.deviation:.{digits}f}"
+        """Mean ± standard deviation."""
+        return _text(self.mean, self.deviation, digits, signed)
+
+    def mean_text(self, digits: int) -> str:
+        """Signed mean ± its standard error."""
+        return _text(self.mean, self.standard_error, digits, signed=True)
+
+
+def _text(mean: float, error: float | None, digits: int, signed: bool) -> str:
+    text = f"{mean:{'+' if signed else ''}.{digits}f}"
+    return text if error is None else f"{text} ±{error:.{digits}f}"
 
 
 @dataclass(frozen=True)
@@ -84,6 +115,35 @@ def lines_of(experiment: Experiment, rows: list[Row]) -> list[Line]:
     return lines
 
 
+@dataclass(frozen=True)
+class Difference:
+    """A variant minus another one, over all pairs of capture and seed that have both."""
+
+    variant: str
+    over: str
+    pairs: int
+    spreads: dict[str, Spread]  # by the key of the column, over the pairs that have it
+
+
+def differences_of(experiment: Experiment, rows: list[Row]) -> list[Difference]:
+    """Every variant minus every earlier one, those from the first variant first."""
+    by_pair = {
+        variant.label: {(row["capture"], row["seed"]): row for row in rows if row["variant"] == variant.label}
+        for variant in experiment.variants
+    }
+    found = []
+    for over, variant in combinations(by_pair, 2):
+        pairs = [(by_pair[variant][pair], by_pair[over][pair]) for pair in by_pair[variant] if pair in by_pair[over]]
+        spreads = {}
+        for key in (column.key for column in pooled_columns_of(rows)):
+            values = [float(new[key]) - float(old[key]) for new, old in pairs if key in new and key in old]
+            if values:
+                spreads[key] = Spread.of(values)
+        if pairs:
+            found.append(Difference(variant, over, len(pairs), spreads))
+    return found
+
+
 def cells(line: Line, columns: list[Column]) -> list[str]:
     """A line as text: variant, seeds, the columns, the gain."""
     values = [line.spreads[c.key].text(c.digits) if c.key in line.spreads else "" for c in columns]
@@ -91,20 +151,44 @@ def cells(line: Line, columns: list[Column]) -> list[str]:
 
 
 def headings(columns: list[Column]) -> list[str]:
-    return ["", "seeds", *(column.title for column in columns), "PSNR gain"]
+    return ["variant", "seeds", *(column.title for column in columns), "PSNR gain"]
 
 
 def write_tables(experiment: Experiment, rows: list[Row], out: Path) -> None:
-    """rows.csv (every run, every number), table.csv and table.md (mean ± spread) and plot.png, each whole."""
+    """Write, each file whole, what was measured.
+
+    rows.csv: every run, every number. table.csv, table.md: mean ± standard deviation over seeds. pooled.csv, pooled.md:
+    differences between variants over all pairs of capture and seed, mean ± standard error. plot.png.
+    """
     columns, lines = columns_of(rows), lines_of(experiment, rows)
     keys = list(dict.fromkeys(key for row in rows for key in row))
     write_text(out / "rows.csv", _csv([keys, *([str(row.get(key, "")) for key in keys] for row in rows)]))
     table = [["capture", *headings(columns)], *([line.capture, *cells(line, columns)] for line in lines)]
     write_text(out / "table.csv", _csv(table))
-    rule = ["---"] * len(table[0])
-    markdown = "\n".join(f"| {' | '.join(row)} |" for row in [table[0], rule, *table[1:]])
-    write_text(out / "table.md", f"{experiment.title}\n\n{markdown}\n")
+    write_text(out / "table.md", f"{experiment.title}\n\n{_markdown(table)}")
+    pooled = _pooled_table(differences_of(experiment, rows), pooled_columns_of(rows))
+    write_text(out / "pooled.csv", _csv(pooled))
+    write_text(out / "pooled.md", f"{experiment.title}: {POOLED}\n\n{_markdown(pooled)}")
     _plot(experiment, rows, out / "plot.png")
+
+
+def _pooled_table(differences: list[Difference], columns: list[Column]) -> list[list[str]]:
+    """Where only some pairs have a column, the cell says how many."""
+    table = [["variant", "over", "pairs", *(column.title for column in columns)]]
+    for difference in differences:
+        line = [difference.variant, difference.over, str(difference.pairs)]
+        for column in columns:
+            spread = difference.spreads.get(column.key)
+            some = (
+                "" if spread is None or spread.count == difference.pairs else f" ({spread.count} of {difference.pairs})"
+            )
+            line.append("" if spread is None else spread.mean_text(column.digits) + some)
+        table.append(line)
+    return table
+
+
+def _markdown(table: list[list[str]]) -> str:
+    return "".join(f"| {' | '.join(line)} |\n" for line in [table[0], ["---"] * len(table[0]), *table[1:]])
 
 
 def _csv(rows: list[list[str]]) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from aa4d.experiments.tables import Spread, columns_of, lines_of, write_tables
+from aa4d.experiments.tables import Spread, columns_of, differences_of, lines_of, write_tables
 from aa4d.experiments.trial import Row, numbers
 from aa4d.experiments.variants import Experiment, Variant
 
@@ -65,3 +65,40 @@ def test_tables_hold_every_run_and_every_mean(tmp_path: Path) -> None:
     assert "| a | fancy | 2 | 26.25 ±7.42 |" in (tmp_path / "table.md").read_text()
     with Image.open(tmp_path / "plot.png") as plot:
         assert plot.width > 300
+
+
+def test_pooled_differences_pair_capture_and_seed() -> None:
+    """Over three pairs of capture and seed +1, +1.5 and -1: mean 0.5, standard error of it stdev / sqrt(3)."""
+    rows = [*ROWS, row("b", "plain", 0, 26.0)]
+    (difference,) = differences_of(TWO, rows)
+    assert (difference.variant, difference.over, difference.pairs) == ("fancy", "plain", 3)
+    spread = difference.spreads["psnr"]
+    assert spread.mean == pytest.approx(0.5)
+    assert spread.standard_error == pytest.approx(statistics.stdev([1.0, 1.5, -1.0]) / 3**0.5)
+    assert spread.mean_text(2) == "+0.50 ±0.76"
+    assert "psnr_dynamic" not in difference.spreads, "no pair has both"
+
+
+def test_every_variant_is_compared_with_every_earlier_one() -> None:
+    three = Experiment("three", "Three", (Variant("a"), Variant("b"), Variant("c")))
+    rows = [row("x", variant, 0, psnr) for variant, psnr in (("a", 1.0), ("b", 2.0), ("c", 4.0))]
+    found = [(d.variant, d.over, d.spreads["psnr"].mean) for d in differences_of(three, rows)]
+    assert found == [("b", "a", 1.0), ("c", "a", 3.0), ("c", "b", 2.0)]
+
+
+def test_the_pooled_table_tells_of_motion_and_activity_and_of_pairs_that_lack_them(tmp_path: Path) -> None:
+    more = {"travel_ratio": 0.5, "psnr_activity.static": 30.0, "psnr_training": 33.0}
+    rows = [
+        row("a", "plain", 0, 20.0, **more),
+        row("a", "fancy", 0, 21.0, **{**more, "travel_ratio": 0.75, "psnr_activity.static": 32.0}),
+        row("b", "plain", 0, 20.0),
+        row("b", "fancy", 0, 23.0),
+    ]
+    write_tables(TWO, rows, tmp_path)
+    with (tmp_path / "pooled.csv").open() as file:
+        (line,) = csv.DictReader(file)
+    assert line["PSNR"] == "+2.00 ±1.00"
+    assert line["travel"] == "+0.25 (1 of 2)"
+    assert line["PSNR static"] == "+2.00 (1 of 2)"
+    assert line["training PSNR"] == "+0.00 (1 of 2)"
+    assert "| fancy | plain | 2 | +2.00 ±1.00 |" in (tmp_path / "pooled.md").read_text()
