@@ -78,6 +78,14 @@ positions between samples lie on a curve that never overshoots, and headings com
 neither SUMO's sideways jump at a lane change nor a standing vehicle turns a body on the spot. `format = "metres"` reads
 measured tracks; where these are shorter than the kinds that stand for them, bodies touch in a queue, which `overlaps =
 "allow"` lets pass. Who is not there during the clip is left out; `start_s` says where in the table it starts.
+
+What the table does not say is not made up. Over a gap in a track its road user is absent (`present`); a curve bridges
+no more than one and a half of the table's usual steps, or half a second, or `bridge_s`. A step that nobody could have
+driven - over 70 m/s, 25 for cyclists, 12 on foot, or too far for the speed before and after it and 9 m/s² - is refused
+with its name and time, or with `jumps = "split"` left out between its two samples. SUMO's step to the next lane within
+one step becomes a change of lane of two seconds. Gaps and rows that are left out are counted before rendering and by
+`--explain`.
+
 Coordinates beyond 10 km, a UTM grid for instance, are refused unless `recentre` is true: at 500 km Blender's optical
 flow is wrong by up to 0.7 pixels.
 

@@ -113,6 +113,8 @@ def run(scene_path: Path, out: Path, workers: int) -> None:
         return
     folder, costs = folder_of(plan, out), Costs(out / "cost.json")
     print(f"{scene.name}: {len(plan.frames)} frames, {len(plan.fleet.instances)} vehicles, into {out}", flush=True)
+    for note in plan.fleet.notes:
+        print(f"note: {note}", flush=True)
     missing = [frame for frame in plan.frames if not folder.complete(frame)]
     if 0 < len(missing) < len(plan.frames):
         print(f"{len(plan.frames) - len(missing)} of {len(plan.frames)} frames are there; rendering the others")

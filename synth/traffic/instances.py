@@ -77,10 +77,12 @@ class Standing:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Those that can move first, then the parked ones; arrays over instances keep this order."""
+    """Those that can move first, then the parked ones; arrays over instances keep this order. `notes`: what a user
+    should know about how they came about, in sentences."""
 
     instances: tuple[Instance, ...]
     groups: tuple[Movers, ...]
+    notes: tuple[str, ...] = ()
 
     def object_to_world(self, time_s: float) -> Array:
         """Rigid poses [M, 4, 4]: origin at the centre of the footprint, x forward, z up."""
@@ -134,7 +136,7 @@ def build_fleet(network: Network, vehicles: tuple[Vehicle, ...], flows: tuple[Fl
     for number, (kind, where, colour) in enumerate(described, start=1):
         drawn = draw_paint(kind, rng)
         instances.append(Instance(number, f"{where}-{kind}-{number:03d}", kind, colour or drawn))
-    fleet = Fleet(tuple(instances), tuple(groups))
+    fleet = Fleet(tuple(instances), tuple(groups), tracks.notes if tracks is not None else ())
     first = int(shown.sum())
     may_touch = range(first, first + len(tracks.tracks)) if tracks is not None and tracks.may_touch else range(0)
     refuse_overlaps(fleet, duration_s, may_touch)
