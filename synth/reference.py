@@ -86,6 +86,11 @@ with its name and time, or with `jumps = "split"` left out between its two sampl
 one step becomes a change of lane of two seconds. Gaps and rows that are left out are counted before rendering and by
 `--explain`.
 
+SUMO's floating car data names a vehicle's type, not its class. `types` is the file with SUMO's `<vType>` elements,
+whose `vClass` decides; without it the whole words of the type's name do: `bus_1` is a bus, `rebus` is not. Where no
+word tells, a saloon is shown; trams stand in as buses, motorcycles and mopeds as cyclists. Both are said, once for each
+type.
+
 Coordinates beyond 10 km, a UTM grid for instance, are refused unless `recentre` is true: at 500 km Blender's optical
 flow is wrong by up to 0.7 pixels.
 

@@ -22,7 +22,7 @@ from synth.errors import InputError
 from synth.traffic.fleet import BODIES, fastest_mps
 from synth.traffic.rows import Row, number, require
 from synth.traffic.stretches import gaps, jumps, longest_step_s, with_smooth_lane_changes
-from synth.traffic.sumo import read_fcd
+from synth.traffic.sumo import read_fcd, read_vehicle_classes
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,10 @@ class TrackTable:
         "CSV with the columns id, time_s, x_m, y_m (centre of the footprint) and optionally heading_deg "
         "(counter-clockwise from east), kind"
     )
+    types: str | None = key(
+        "SUMO's file with the vehicle types (`<vType id= vClass=>`), relative to the scene file: each gets the body of "
+        "its vClass; without it the whole words of its name decide, and what they do not tell is said", default=None,
+    )  # fmt: skip
     start_s: float = key("the table's time at the first frame", unit="s", range=(0, 1e7), default=0.0)
     bridge_s: float | None = key(
         "the longest time between two samples of a track that a curve may bridge; over longer ones the road user is "
@@ -129,17 +133,8 @@ def read_tracks(table: TrackTable, folder: Path, duration_s: float, where: str =
         InputError: the file cannot be read, holds no tracks, none during the clip, one that nobody could have driven,
             or lies too far from the origin.
     """
-    path = folder / table.file
-    if ".." in Path(table.file).parts or Path(table.file).is_absolute():
-        raise InputError(f"{where}.file: {table.file!r} must lie in the scene's folder or below it.")
-    try:
-        rows = read_fcd(path) if table.format == "sumo" else _metres(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the tracks: {error.strerror}.") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: cannot read the tracks: it is not UTF-8 text.") from None
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: not valid XML: {error}.") from None
+    path = _beside_the_scene(folder, table.file, f"{where}.file")
+    rows, guesses = _read(table, folder, path, where)
     if not rows:
         raise InputError(f"{path}: holds no tracks.")
     tracks, notes = _tracks({name: sorted(of, key=lambda row: row.time_s) for name, of in rows.items()}, table, path)
@@ -164,7 +159,33 @@ def read_tracks(table: TrackTable, folder: Path, duration_s: float, where: str =
             f"{path}: nobody is there during the clip: the tracks run from {first:g} s to {last:g} s, the clip from "
             f"{table.start_s:g} s to {table.start_s + duration_s:g} s; set {where}.start_s."
         )
-    return Tracks(tuple(shown), (float(origin[0]), float(origin[1])), table.overlaps == "allow", notes)
+    return Tracks(tuple(shown), (float(origin[0]), float(origin[1])), table.overlaps == "allow", (*guesses, *notes))
+
+
+def _beside_the_scene(folder: Path, name: str, where: str) -> Path:
+    if ".." in Path(name).parts or Path(name).is_absolute():
+        raise InputError(f"{where}: {name!r} must lie in the scene's folder or below it.")
+    return folder / name
+
+
+def _read(table: TrackTable, folder: Path, path: Path, where: str) -> tuple[dict[str, list[Row]], tuple[str, ...]]:
+    """Rows by id, and notes on what of them is a guess."""
+    reading = path
+    try:
+        if table.format == "metres":
+            return _metres(path), ()
+        classes = {}
+        if table.types is not None:
+            reading = _beside_the_scene(folder, table.types, f"{where}.types")
+            classes = read_vehicle_classes(reading)
+            reading = path
+        return read_fcd(path, classes)
+    except OSError as error:
+        raise InputError(f"{reading}: cannot read the tracks: {error.strerror}.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{reading}: cannot read the tracks: it is not UTF-8 text.") from None
+    except ElementTree.ParseError as error:
+        raise InputError(f"{reading}: not valid XML: {error}.") from None
 
 
 def _metres(path: Path) -> dict[str, list[Row]]:

@@ -14,6 +14,7 @@ from synth.errors import InputError
 from synth.plan import make_fleet, make_plan
 from synth.spec import Scene, Traffic, read_scene
 from synth.traffic.fleet import BODIES
+from synth.traffic.sumo import kind_of_type
 from synth.traffic.tracks import Tracks, TrackTable, read_tracks
 
 CSV_HEAD = (
@@ -215,6 +216,71 @@ def test_measured_tracks(tmp_path: Path) -> None:
     assert tracks.kinds == ("bus", "pedestrian")
     assert tracks.poses(1.0)[0][0] == pytest.approx([10.0, 1.0])
     assert tracks.poses(1.0)[1][1] == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "doubt"),
+    [
+        ("moped", "cyclist", "stands in"),  # not a pedestrian, though "ped" is a part of it
+        ("motorcycle", "cyclist", "stands in"),
+        ("tram", "bus", "stands in"),
+        ("rail_urban", "bus", "stands in"),
+        ("bus_1", "bus", ""),
+        ("cityBus2", "bus", ""),
+        ("buses", "saloon", "unknown"),
+        ("rebus", "saloon", "unknown"),
+        ("Vanessa", "saloon", "unknown"),
+        ("caravan", "saloon", "unknown"),
+        ("ped_pedestrian", "pedestrian", ""),
+        ("veh_passenger", "saloon", ""),
+        ("DEFAULT_VEHTYPE", "saloon", ""),
+        ("DEFAULT_PEDTYPE", "pedestrian", ""),
+        ("DEFAULT_BIKETYPE", "cyclist", ""),
+        ("delivery", "van", ""),
+        ("truck-trailer", "truck", ""),
+        ("cars", "saloon", ""),
+        ("type7", "saloon", "unknown"),
+        ("", "saloon", "unknown"),
+    ],
+)
+def test_types_are_matched_by_whole_words(name: str, kind: str, doubt: str) -> None:
+    assert kind_of_type(name) == (kind, doubt)
+
+
+def test_vehicle_classes_decide_and_what_is_unknown_is_said_once(tmp_path: Path) -> None:
+    steps = "".join(
+        f'<timestep time="{t}">'
+        + "".join(f'<vehicle id="{n}" x="{9 * t}" y="{9 * k}" angle="90" type="{n}"/>' for k, n in enumerate("abc"))
+        + f'<person id="p" x="0" y="{t}" angle="0" type="bus"/></timestep>'
+        for t in range(5)
+    )
+    (tmp_path / "f.xml").write_text(f"<fcd-export>{steps}</fcd-export>")
+    tracks = read(tmp_path / "f.xml")
+    assert tracks.kinds == ("saloon", "saloon", "saloon", "pedestrian")
+    assert len(tracks.notes) == 1
+    assert "unknown class, shown as a saloon: 'a', 'b', 'c'; set tracks.types" in tracks.notes[0]
+    types = '<vType id="a" vClass="bus"/><vType id="b" vClass="moped"/><vType id="c"/>'
+    (tmp_path / "types.xml").write_text(f"<additional>{types}</additional>")
+    told = read(tmp_path / "f.xml", types="types.xml")
+    assert told.kinds == ("bus", "cyclist", "saloon", "pedestrian")
+    assert [note.split(": ", 1)[1] for note in told.notes] == [
+        "types without a body of their own, for which another stands in: a cyclist for 'b'."
+    ]
+    (tmp_path / "types.xml").write_text("<additional/>")
+    with pytest.raises(InputError, match="holds no <vType>"):
+        read(tmp_path / "f.xml", types="types.xml")
+    with pytest.raises(InputError, match=r"tracks\.types: '\.\./t\.xml' must lie in"):
+        read(tmp_path / "f.xml", types="../t.xml")
+    with pytest.raises(InputError, match=r"absent\.xml: cannot read"):
+        read(tmp_path / "f.xml", types="absent.xml")
+
+
+def test_people_of_a_csv_table_are_read(tmp_path: Path) -> None:
+    head = "timestep_time;person_angle;person_id;person_x;person_y;vehicle_angle;vehicle_id;vehicle_type;vehicle_x;"
+    lines = [f"{t};0;p;0;{t};;;;;\n{t};;;;;90;v;bus;{9 * t};9" for t in range(5)]
+    (tmp_path / "f.csv").write_text(head + "vehicle_y\n" + "\n".join(lines) + "\n")
+    tracks = read(tmp_path / "f.csv")
+    assert dict(zip((t.name for t in tracks.tracks), tracks.kinds, strict=True)) == {"p": "pedestrian", "v": "bus"}
 
 
 @pytest.mark.parametrize(
