@@ -1,12 +1,16 @@
 """Truth in closed form: planes, cars and skies whose flow, occlusion, boxes and activity are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from synth.camera import intrinsics, invert_rigid, project
+from synth.effects.lens_distortion import Settings
+from synth.effects.lens_distortion import lens as brown_lens
 from synth.flight.orientation import orientation
-from synth.lens import Pinhole
+from synth.lens import Lens, Pinhole
 from synth.spec import Camera
 from synth.truth.activity import (
     APPEARANCE_ONLY,
@@ -133,6 +137,38 @@ def test_behind_the_camera_is_not_valid() -> None:
     depth[depth <= 0] = np.inf
     _, valid = flow(view(here), view(there), depth, NOBODY)
     assert not valid[np.isfinite(depth) & (depth < 900)].any()
+
+
+@pytest.mark.parametrize("lens", [LENS, brown_lens(Settings(k1=-0.1), LENS.K, SIZE)], ids=["pinhole", "brown"])
+@pytest.mark.parametrize("before_m", [3e-4, 0.05, 0.2, 2.0])
+def test_what_comes_to_the_cameras_plane_has_no_flow(lens: Lens, before_m: float) -> None:
+    """The camera flies over a level plane until a row of pixels lies `before_m` before its plane: no millions of pixels
+    are valid, and what is valid is right to a pixel though depth is known to a millionth only."""
+    here = viewmat(pitch=0.0, z=2.0)
+    depth = plane(here)
+    depth[depth <= 0] = np.inf
+    x = float(depth[36, 0]) - before_m
+    first, second = (replace(view(m), lens=lens) for m in (here, viewmat(x=x, pitch=0.0, z=2.0)))
+    moved, valid = flow(first, second, depth, NOBODY)
+    assert not valid[36].any() or before_m == 2.0
+    assert np.isnan(moved[~valid]).all()
+    again, _ = flow(first, second, depth * np.float32(1 + 1e-6), NOBODY)
+    assert np.abs(again - moved)[valid].max() < 1.0
+    assert np.abs(moved[valid]).max() < 12 * LENS.K[0, 0]
+    label = occlusion(first, second, depth, NOBODY, depth, NOBODY)
+    assert ((label == UNKNOWN) == ~valid).all()
+
+
+def test_corners_at_the_cameras_plane_have_no_pixels() -> None:
+    """A car beside the camera: corners a hair before its plane are not a million pixels away."""
+    camera = viewmat(pitch=0.0, z=1.0)
+    world = corners(at((2.0003 + 2.25, 1.0)), np.array([[4.5, 1.8, 1.5]]))
+    uv, box = projected(view(viewmat(x=2.0, pitch=0.0, z=1.0), at((0, 0))), world)
+    assert np.isnan(uv[0, [0, 3, 4, 7]]).all()
+    assert np.isfinite(uv[0, [1, 2, 5, 6]]).all()
+    assert np.isnan(box).all()
+    far, _ = projected(view(camera, at((0, 0))), world)
+    assert np.isfinite(far).all()
 
 
 def test_occlusion_by_a_car_that_drives_over() -> None:
