@@ -20,7 +20,7 @@ sys.path[:] = [str(HOME.parent), *(entry for entry in sys.path if Path(entry).re
 from synth.develop import read_png  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.files import write_json  # noqa: E402
-from synth.truth.activity import INTERMITTENT, PERSISTENT, UNSEEN  # noqa: E402
+from synth.truth.activity import INTERMITTENT, PERSISTENT, UNSEEN, within  # noqa: E402
 from synth.truth.boxes import corners, projected, visible  # noqa: E402
 from synth.truth.flow import flow  # noqa: E402
 from synth.truth.occlusion import occlusion  # noqa: E402
@@ -256,6 +256,9 @@ def check_activity(recording: Recording) -> Iterator[Row]:
     yield faults("activity of cells", _joined(wrong_cells))
     moves = (recording.tracks["moving"] & recording.tracks["present"]).any(axis=0)
     yield faults("activity of instances", moves & (label != INTERMITTENT) & (label != PERSISTENT))
+    runs, times = stored["moving_interval"], recording.tracks["time_s"]
+    told = np.stack([within(runs[runs[:, 0] == m, 1:], times) for m in range(len(label))], axis=1) if len(label) else []
+    yield faults("intervals of motion", told != (recording.tracks["moving"] & recording.tracks["present"]))
 
 
 def check_rows(recording: Recording) -> Iterator[Row]:

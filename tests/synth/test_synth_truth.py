@@ -24,6 +24,7 @@ from synth.truth.activity import (
     intervals,
     label_of,
     sample_times,
+    within,
 )
 from synth.truth.boxes import corners, projected, visible
 from synth.truth.flow import flow
@@ -223,7 +224,7 @@ def test_forty_thousand_instances_keep_their_ids() -> None:
 def test_nobody_and_nothing() -> None:
     counts, box = visible(NOBODY, np.empty(0, np.uint32))
     assert (len(counts), box.shape) == (0, (0, 4))
-    assert sample_times(0.0).tolist() == [0.0]
+    assert sample_times(np.zeros(1)).tolist() == [0.0]
     assert heterogeneity_in_space(np.full((2, 2), 4, np.uint8)) == 0.0
     assert heterogeneity_in_time(np.zeros((3, 2, 2), bool)) == 0.0
 
@@ -240,8 +241,25 @@ def test_labels_from_activity() -> None:
 
 def test_intervals_of_motion() -> None:
     times = np.arange(6) * 0.5
-    assert intervals(times, np.array([0, 1, 1, 0, 0, 1], bool)) == [(0.5, 1.5), (2.5, 2.5)]
-    assert intervals(times, np.zeros(6, bool)) == []
+    assert intervals(times, np.array([0, 1, 1, 0, 0, 1], bool), 3.0) == [(0.5, 1.5), (2.5, 3.0)]
+    assert intervals(times, np.array([1, 1, 1, 1, 1, 0], bool), 3.0) == [(0.0, 2.5)]
+    assert intervals(times, np.zeros(6, bool), 3.0) == []
+    assert intervals(np.zeros(1), np.ones(1, bool), 0.5) == [(0.0, 0.5)]
+
+
+@pytest.mark.parametrize("fps", [0.7, 7.3, 10.0, 24.0, 29.97, 60.0])
+def test_moving_and_its_intervals_agree_at_every_frame(fps: float) -> None:
+    """A car that stands for one frame, one that starts between two frames, and one that never stops."""
+    frames = np.arange(31) / fps
+    times = sample_times(frames)
+    assert np.isin(frames, times).all()
+    assert np.diff(times).max() <= 0.1 + 1e-9
+    assert np.diff(times).min() > 0
+    subjects = (np.abs(times - frames[1]) > 1e-3, times > frames[3] + 0.4 / fps, np.ones(len(times), bool),
+                times < frames[-1], times >= frames[-1])  # fmt: skip
+    for active in subjects:
+        runs = np.array(intervals(times, active, 31 / fps)).reshape(-1, 2)
+        np.testing.assert_array_equal(within(runs, frames), active[np.isin(times, frames)])
 
 
 def test_footprints_cover_what_stands_there() -> None:
