@@ -52,6 +52,14 @@ class Costs:
         for frame in document["frames"]:
             self.frames.setdefault(frame["name"], {}).update({k: v for k, v in frame.items() if k != "name"})
 
+    @contextmanager
+    def saved(self) -> Iterator[None]:
+        """Save what was measured inside, also when it is interrupted."""
+        try:
+            yield
+        finally:
+            self.save()
+
     def save(self) -> None:
         if self.path is not None:
             write_json(self.path, self.document())

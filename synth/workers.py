@@ -74,15 +74,25 @@ def film_in_workers(
             elif line.startswith(ADVANCE):
                 advance(float(line.removeprefix(ADVANCE)))
             elif line.startswith(COSTS):
-                costs.add(json.loads(line.removeprefix(COSTS)))
-                costs.save()
+                _add(costs, line)
     except KeyboardInterrupt:
         _interrupt(running)
+        still = len(running)
+        while still:  # what they say last is what they have cost
+            _, line = said.get()
+            still -= line is None
+            if line is not None and line.startswith(COSTS):
+                _add(costs, line)
         for process in running:
             process.wait()
         raise
     if failure is not None:
         raise failure
+
+
+def _add(costs: Costs, line: str) -> None:
+    costs.add(json.loads(line.removeprefix(COSTS)))
+    costs.save()
 
 
 def _interrupt(processes: "Sequence[subprocess.Popen[str]]") -> None:

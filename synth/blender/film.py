@@ -32,7 +32,7 @@ def film(plan: Plan, folder: Folder, frames: Sequence[Frame], costs: Costs, adva
 
     `advance` is called with the share of a frame that is finished.
     """
-    with tempfile.TemporaryDirectory(prefix="aa4d-synth-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="aa4d-synth-") as scratch, costs.saved():
         with costs.stage("build"):
             filming = Filming(plan, folder, costs, Path(scratch))
         for start in range(0, len(frames), BATCH):
