@@ -19,9 +19,12 @@ class Costs:
         self.frames: dict[str, dict[str, float]] = {}
         self.effects: dict[str, float] = {}
         if path is not None and path.is_file():
-            before = json.loads(path.read_text(encoding="utf-8"))
-            self.stages, self.effects = dict(before["stages"]), dict(before["effects"])
-            self.frames = {frame.pop("name"): frame for frame in before["frames"]}
+            try:
+                before = json.loads(path.read_text(encoding="utf-8"))
+                self.stages, self.effects = dict(before["stages"]), dict(before["effects"])
+                self.frames = {frame.pop("name"): frame for frame in before["frames"]}
+            except (ValueError, TypeError, KeyError):  # a damaged file: what was spent is lost, nothing else
+                self.stages, self.effects, self.frames = {}, {}, {}
 
     @contextmanager
     def stage(self, name: str, frame: str | None = None) -> Iterator[None]:

@@ -20,13 +20,15 @@ from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
 from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
+from synth.ledger import mend, told  # noqa: E402
 from synth.plan import Frame, Plan, document, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import read_scene  # noqa: E402
 
 EPILOG = """\
 DIR must be new, empty, or an unfinished capture of the same scene: after Ctrl-C the same command goes on at the
-first missing frame. The same scene, seed and version of Blender give the same frames, byte for byte.
+first missing frame; what is damaged is made again. The same scene, seed and version of Blender give the same frames,
+byte for byte.
 
 examples:
   blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/crossroads
@@ -108,10 +110,16 @@ def run(scene_path: Path, out: Path, workers: int) -> None:
 
     plan_document = document(plan, version())
     state = open_folder(out, plan_document)
+    folder = folder_of(plan, out)
+    if state != "new":
+        wrong = mend(out, folder.kept(plan.frames), finished=state == "finished")
+        if wrong:
+            print(told(out, wrong), flush=True)
+            state = "unfinished"
     if state == "finished":
         print(f"{out / INDEX}: this capture is complete already, nothing to render")
         return
-    folder, costs = folder_of(plan, out), Costs(out / "cost.json")
+    costs = Costs(out / "cost.json")
     print(f"{scene.name}: {len(plan.frames)} frames, {len(plan.fleet.instances)} vehicles, into {out}", flush=True)
     for note in plan.fleet.notes:
         print(f"note: {note}", flush=True)

@@ -256,9 +256,11 @@ def check_activity(recording: Recording) -> Iterator[Row]:
     yield faults("activity of cells", _joined(wrong_cells))
     moves = (recording.tracks["moving"] & recording.tracks["present"]).any(axis=0)
     yield faults("activity of instances", moves & (label != INTERMITTENT) & (label != PERSISTENT))
-    runs, times = stored["moving_interval"], recording.tracks["time_s"]
-    told = np.stack([within(runs[runs[:, 0] == m, 1:], times) for m in range(len(label))], axis=1) if len(label) else []
-    yield faults("intervals of motion", told != (recording.tracks["moving"] & recording.tracks["present"]))
+    runs, times, moved = stored["moving_interval"], recording.tracks["time_s"], []
+    for m in range(len(label)):
+        moving = recording.tracks["moving"][:, m] & recording.tracks["present"][:, m]
+        moved.append(within(runs[runs[:, 0] == m, 1:], times) != moving)
+    yield faults("intervals of motion", _joined(moved))
 
 
 def check_rows(recording: Recording) -> Iterator[Row]:

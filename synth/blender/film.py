@@ -17,7 +17,6 @@ from synth.blender.session import start_empty
 from synth.capture import Folder
 from synth.costs import Costs
 from synth.develop import Shot, develop, png
-from synth.files import write_bytes, write_npz
 from synth.plan import Frame, Plan
 from synth.staging import Extras
 
@@ -76,7 +75,7 @@ class Filming:
         self.place(frame)
         with self.costs.stage("truth", frame.name):
             arrays = truth(self.renderer.render_truth(), self.plan, frame)
-            write_npz(self.folder.truth(frame), **arrays)
+            self.folder.keep_arrays(self.folder.truth(frame), **arrays)
 
     def film_picture(self, frame: Frame) -> None:
         self.place(frame)
@@ -90,7 +89,7 @@ class Filming:
                 linear = self._through_the_lens(linear)
             shot = Shot(self.plan, frame, partial(self._depth, frame))
             image = develop(linear, shot, self.costs.effect)
-            write_bytes(self.folder.developed(frame), png(image))
+            self.folder.keep(self.folder.developed(frame), png(image))
 
     def _depth(self, frame: Frame) -> np.ndarray:
         return np.asarray(self.folder.read_truth(frame)["depth_z"])

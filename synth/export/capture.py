@@ -12,11 +12,11 @@ from synth.export.nerfstudio import transforms
 from synth.export.ply import ply
 from synth.export.points import build_points, load_views
 from synth.files import write_bytes, write_json, write_npz, write_text
+from synth.ledger import CHECKSUMS, LEDGER
 from synth.plan import Plan
 from synth.progress import Progress
 from synth.truth.derive import derive, steps
 
-CHECKSUMS = "checksums.json"
 COSTS = "cost.json"
 
 
@@ -47,6 +47,7 @@ def export(plan: Plan, folder: Folder, generator: dict[str, object], costs: Cost
     costs.save()
     write_json(root / CHECKSUMS, checksums(folder))
     write_json(root / INDEX, index(plan, folder, generator, passes))
+    (root / LEDGER).unlink(missing_ok=True)
 
 
 def told_plan(plan: Plan) -> Plan:
@@ -60,7 +61,7 @@ def told_plan(plan: Plan) -> Plan:
 
 def checksums(folder: Folder) -> dict[str, str]:
     """SHA-256 of every file of the capture by its path, but for the index and what differs from run to run."""
-    left_out = {CHECKSUMS, COSTS, INDEX, PLAN}
+    left_out = {CHECKSUMS, COSTS, INDEX, LEDGER, PLAN}
     files = sorted(path for path in folder.root.rglob("*") if path.is_file())
     names = {folder.relative(path): path for path in files}
     return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in names.items() if name not in left_out}

@@ -56,7 +56,7 @@ def derive(plan: Plan, folder: Folder, costs: Costs, advance: Callable[[float], 
                 path = folder.truth_pass(name, frame)
                 if not path.is_file():
                     with costs.stage(name):
-                        write_npz(path, **_pairs(plan, folder, frame, name))
+                        folder.keep_arrays(path, **_pairs(plan, folder, frame, name))
                 advance(1.0)
     if "visible_pixels" in asked or "boxes" in asked:
         with costs.stage("boxes"):
