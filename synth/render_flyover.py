@@ -21,6 +21,7 @@ from synth.errors import InputError  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
 from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
 from synth.ledger import mend, told  # noqa: E402
+from synth.parent import end_with_parent  # noqa: E402
 from synth.plan import Frame, Plan, document, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import read_scene  # noqa: E402
@@ -57,6 +58,7 @@ def main(arguments: Sequence[str]) -> None:
     )
     parser.add_argument("--explain", action="store_true", help="print what would be rendered, and render nothing")
     parser.add_argument("--ranks", help=argparse.SUPPRESS)  # a worker's shard, as "12,13,14"
+    end_with_parent()
     # Blender's own handler would end the process in the middle of a frame.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     options = parser.parse_args(arguments)
@@ -105,8 +107,14 @@ def run(scene_path: Path, out: Path, workers: int) -> None:
     plan = resolve(scene_path)
     scene = plan.scene
     load_blender()
-    from synth.blender.session import version
+    import bpy
+
+    from synth.blender.requirements import refuse_what_is_missing
+    from synth.blender.session import start_empty, version
     from synth.export.capture import export
+
+    start_empty()
+    refuse_what_is_missing(plan, bpy)  # before anything is written
 
     plan_document = document(plan, version())
     state = open_folder(out, plan_document)

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 
 from synth.costs import Costs
+from synth.parent import environment_of_child
 from synth.plan import Frame
 
 SHARD = 48  # frames: long enough that starting Blender does not count
@@ -40,7 +41,7 @@ def film_in_workers(
 ) -> None:
     """Run `command(shard)` for every shard, at most `workers` at a time.
 
-    On Ctrl-C each worker finishes its frame.
+    On Ctrl-C each worker finishes its frame; a worker ends when this process does, however it ends.
 
     Raises:
         WorkerError: after the others have finished their frame.
@@ -60,7 +61,7 @@ def film_in_workers(
         while ended < len(pieces) and not (failure and not running):
             while waiting and len(running) < workers and failure is None:
                 process = subprocess.Popen(command(waiting.pop(0)), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                                           text=True, process_group=0)  # fmt: skip
+                                           text=True, process_group=0, env=environment_of_child())  # fmt: skip
                 running.append(process)
                 threading.Thread(target=listen, args=(process,), daemon=True).start()
             process, line = said.get()

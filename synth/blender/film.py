@@ -13,6 +13,7 @@ from synth.blender.build import Stage, build_stage
 from synth.blender.extras import Extra, build_extras
 from synth.blender.passes import linear_rgb, truth
 from synth.blender.render import Renderer, make_renderer
+from synth.blender.requirements import refuse_what_is_missing
 from synth.blender.session import start_empty
 from synth.capture import Folder
 from synth.costs import Costs
@@ -53,6 +54,7 @@ class Filming:
     def __init__(self, plan: Plan, folder: Folder, costs: Costs, scratch: Path) -> None:
         self.plan, self.folder, self.costs = plan, folder, costs
         start_empty()
+        refuse_what_is_missing(plan, bpy)
         self.stage: Stage = build_stage(plan)
         self.extras: tuple[Extra, ...] = build_extras(plan, self.stage.scene)
         for staging in plan.staging:
