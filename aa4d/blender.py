@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import shutil
 import signal
 import subprocess
@@ -40,8 +41,11 @@ def run_in_blender(relative: str, *arguments: str) -> int:
 
 
 def run_forwarding_interrupts(command: list[str]) -> int:
-    """Run a child in a process group of its own and hand it each Ctrl-C once, so that it can end in its own time."""
-    child = subprocess.Popen(command, process_group=0)
+    """Run a child in a process group of its own and hand it each Ctrl-C once, so that it can end in its own time.
+
+    The environment names this process to it, so that a renderer ends when this one is killed (synth/parent.py).
+    """
+    child = subprocess.Popen(command, process_group=0, env={**os.environ, "AA4D_PARENT": str(os.getpid())})
 
     def forward(number: int, _frame: FrameType | None) -> None:
         child.send_signal(number)

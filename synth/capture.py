@@ -1,6 +1,7 @@
 """The capture folder: is it ours to write, what is there already, and where things go (docs/formats.md)."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -9,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from synth.errors import InputError
-from synth.files import TEMPORARY_SUFFIX, write_json
+from synth.files import TEMPORARY_SUFFIX, npz, write_json
+from synth.ledger import INDEX, note
 from synth.plan import Frame, first_difference
 
 PLAN = "plan.json"
-INDEX = "capture.json"
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,23 @@ class Folder:
     def relative(self, path: Path) -> str:
         return path.relative_to(self.root).as_posix()
 
+    def keep(self, path: Path, content: bytes) -> None:
+        """Write a file that a later run takes for done, with its digest."""
+        note(self.root, self.relative(path), content)
+
+    def keep_arrays(self, path: Path, **arrays: NDArray[Any]) -> None:
+        self.keep(path, npz(**arrays))
+
+    def kept(self, frames: Iterable[Frame]) -> list[str]:
+        """The files of frames that a run takes for done, by relative path."""
+        found = []
+        for frame in frames:
+            passes = (self.truth_pass(name, frame) for name in ("flow", "occlusion"))
+            found += [self.relative(path) for path in (self.developed(frame), self.truth(frame), *passes)]
+        return found
+
     def complete(self, frame: Frame) -> bool:
-        """Both files of a frame exist; each is whole if it exists."""
+        """Both files of a frame exist; `ledger.mend` has removed what is not whole."""
         return self.developed(frame).is_file() and self.truth(frame).is_file()
 
 

@@ -19,9 +19,12 @@ class Costs:
         self.frames: dict[str, dict[str, float]] = {}
         self.effects: dict[str, float] = {}
         if path is not None and path.is_file():
-            before = json.loads(path.read_text(encoding="utf-8"))
-            self.stages, self.effects = dict(before["stages"]), dict(before["effects"])
-            self.frames = {frame.pop("name"): frame for frame in before["frames"]}
+            try:
+                before = json.loads(path.read_text(encoding="utf-8"))
+                self.stages, self.effects = dict(before["stages"]), dict(before["effects"])
+                self.frames = {frame.pop("name"): frame for frame in before["frames"]}
+            except (ValueError, TypeError, KeyError):  # a damaged file: what was spent is lost, nothing else
+                self.stages, self.effects, self.frames = {}, {}, {}
 
     @contextmanager
     def stage(self, name: str, frame: str | None = None) -> Iterator[None]:
@@ -31,7 +34,7 @@ class Costs:
             yield
             if frame is not None:  # one that is interrupted is made again
                 self.frames.setdefault(frame, {})[name] = round(time.perf_counter() - start, 4)
-        finally:
+        finally:  # an interrupted stage has cost its seconds too
             self.stages[name] = round(self.stages.get(name, 0.0) + time.perf_counter() - start, 4)
 
     @contextmanager
@@ -50,6 +53,14 @@ class Costs:
                 mine[name] = round(mine.get(name, 0.0) + seconds, 4)
         for frame in document["frames"]:
             self.frames.setdefault(frame["name"], {}).update({k: v for k, v in frame.items() if k != "name"})
+
+    @contextmanager
+    def saved(self) -> Iterator[None]:
+        """Save what was measured inside, also when it is interrupted."""
+        try:
+            yield
+        finally:
+            self.save()
 
     def save(self) -> None:
         if self.path is not None:

@@ -76,6 +76,8 @@ def read_png(content: bytes) -> NDArray[np.uint8]:
     at, header, pixels = 8, b"", b""
     while at + 12 <= len(content):
         (length,) = struct.unpack(">I", content[at : at + 4])
+        if at + 12 + length > len(content):
+            raise ValueError("a PNG file that is cut short")
         kind, data = content[at + 4 : at + 8], content[at + 8 : at + 8 + length]
         if struct.pack(">I", zlib.crc32(kind + data)) != content[at + 8 + length : at + 12 + length]:
             raise ValueError("a damaged PNG file")
@@ -89,7 +91,7 @@ def read_png(content: bytes) -> NDArray[np.uint8]:
     channels = 3 if colour_type == 2 else 1
     try:
         rows = np.frombuffer(zlib.decompress(pixels), np.uint8).reshape(height, 1 + width * channels)
-    except zlib.error as error:
+    except (zlib.error, ValueError) as error:
         raise ValueError(f"a damaged PNG file: {error}") from None
     if (rows[:, 0] != 2).any():
         raise ValueError("a PNG file of another program")

@@ -20,6 +20,7 @@ def explain(plan: Plan) -> str:
         f"{scene.name}: {len(plan.frames)} frames of {camera.width_px}x{camera.height_px} at {scene.time.fps:g} fps",
         f"  flight   {scene.flight.kind}, {flown:.1f} m from z {poses[0, 2, 3]:.1f} m to {poses[-1, 2, 3]:.1f} m",
         f"  traffic  {moving.shape[1]} instances, {int(moving.any(axis=0).sum())} of them move",
+        *(f"           {note}" for note in plan.fleet.notes),
         f"  render   {scene.render.samples} samples, {'denoised' if scene.render.denoise else 'not denoised'}",
         f"  truth    {', '.join(dict.fromkeys((*ALWAYS, *scene.truth.passes)))}",
         "  effects  " + (", ".join(effect.name for effect in plan.effects) or "none"),

@@ -35,8 +35,13 @@ def write_json(path: Path, content: Any) -> None:
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def write_npz(path: Path, **arrays: np.ndarray) -> None:
-    """Compressed arrays; the same arrays give the same bytes."""
+def npz(**arrays: np.ndarray) -> bytes:
+    """Compressed arrays as a file's content; the same arrays give the same bytes."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
-    write_bytes(path, buffer.getvalue())
+    return buffer.getvalue()
+
+
+def write_npz(path: Path, **arrays: np.ndarray) -> None:
+    """Write compressed arrays."""
+    write_bytes(path, npz(**arrays))

@@ -94,6 +94,8 @@ def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
     K, size = intrinsics(scene.camera), (scene.camera.width_px, scene.camera.height_px)
     lens: Lens = Pinhole(K)
     for effect in at(effects, "lens"):
+        if not isinstance(lens, Pinhole):
+            raise InputError(f"effects: {effect.name} is a second lens; a camera has one: leave one of them out.")
         lens = effect.module.lens(effect.settings, K, size)
     shutter = Shutter()
     for effect in at(effects, "shutter"):

@@ -64,9 +64,11 @@ Vehicles keep their distance by the intelligent driver model and change lanes by
 place: one that stands keeps its heading. A junction is entered with a grant. Green lights, people on the zebra
 crossings, vehicles that are still inside and those that have the right of way decide; straight on goes before right
 before left, the major street and the ring of a roundabout before those that join. Whoever would have to brake harder
-than 4 m/s² when the light turns red drives on. Positions between two steps are those of constant acceleration: exact
-for the simulation at any real time. The clip is checked ten times a second, and two bodies nearer than 0.1 m are
-refused with their names and the time.
+than 4 m/s² when the light turns red drives on. Of two vehicles of 8 m or more that would touch in a bend, into and out
+of a roundabout by the same arm for instance, the one with less right of way waits. Positions between two steps are those
+of constant acceleration: exact for the simulation at any real time. The clip is checked ten times a second, and two
+bodies nearer than 0.1 m are refused with their names and the time where the scene places both. Of others the one that was drawn gives way: people
+walk another way, vehicles are left out; how many is said before rendering and by `--explain`.
 
 A vehicle that comes or goes during the clip is absent before and after (`present` in `truth/tracks.npz`).
 
@@ -78,6 +80,19 @@ positions between samples lie on a curve that never overshoots, and headings com
 neither SUMO's sideways jump at a lane change nor a standing vehicle turns a body on the spot. `format = "metres"` reads
 measured tracks; where these are shorter than the kinds that stand for them, bodies touch in a queue, which `overlaps =
 "allow"` lets pass. Who is not there during the clip is left out; `start_s` says where in the table it starts.
+
+What the table does not say is not made up. Over a gap in a track its road user is absent (`present`); a curve bridges
+no more than one and a half of the table's usual steps, or half a second, or `bridge_s`. A step that nobody could have
+driven - over 70 m/s, 25 for cyclists, 12 on foot, or too far for the speed before and after it and 9 m/s² - is refused
+with its name and time, or with `jumps = "split"` left out between its two samples. SUMO's step to the next lane within
+one step becomes a change of lane of two seconds. Gaps and rows that are left out are counted before rendering and by
+`--explain`.
+
+SUMO's floating car data names a vehicle's type, not its class. `types` is the file with SUMO's `<vType>` elements,
+whose `vClass` decides; without it the whole words of the type's name do: `bus_1` is a bus, `rebus` is not. Where no
+word tells, a saloon is shown; trams stand in as buses, motorcycles and mopeds as cyclists. Both are said, once for each
+type.
+
 Coordinates beyond 10 km, a UTM grid for instance, are refused unless `recentre` is true: at 500 km Blender's optical
 flow is wrong by up to 0.7 pixels.
 

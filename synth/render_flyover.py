@@ -20,13 +20,16 @@ from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
 from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
+from synth.ledger import mend, told  # noqa: E402
+from synth.parent import end_with_parent  # noqa: E402
 from synth.plan import Frame, Plan, document, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import read_scene  # noqa: E402
 
 EPILOG = """\
 DIR must be new, empty, or an unfinished capture of the same scene: after Ctrl-C the same command goes on at the
-first missing frame. The same scene, seed and version of Blender give the same frames, byte for byte.
+first missing frame; what is damaged is made again. The same scene, seed and version of Blender give the same frames,
+byte for byte.
 
 examples:
   blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/crossroads
@@ -55,6 +58,7 @@ def main(arguments: Sequence[str]) -> None:
     )
     parser.add_argument("--explain", action="store_true", help="print what would be rendered, and render nothing")
     parser.add_argument("--ranks", help=argparse.SUPPRESS)  # a worker's shard, as "12,13,14"
+    end_with_parent()
     # Blender's own handler would end the process in the middle of a frame.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     options = parser.parse_args(arguments)
@@ -103,26 +107,37 @@ def run(scene_path: Path, out: Path, workers: int) -> None:
     plan = resolve(scene_path)
     scene = plan.scene
     load_blender()
-    from synth.blender.session import version
+    import bpy
+
+    from synth.blender.requirements import refuse_what_is_missing
+    from synth.blender.session import start_empty, version
     from synth.export.capture import export
+
+    start_empty()
+    refuse_what_is_missing(plan, bpy)  # before anything is written
 
     plan_document = document(plan, version())
     state = open_folder(out, plan_document)
+    folder = folder_of(plan, out)
+    if state != "new":
+        wrong = mend(out, folder.kept(plan.frames), finished=state == "finished")
+        if wrong:
+            print(told(out, wrong), flush=True)
+            state = "unfinished"
     if state == "finished":
         print(f"{out / INDEX}: this capture is complete already, nothing to render")
         return
-    folder, costs = folder_of(plan, out), Costs(out / "cost.json")
+    costs = Costs(out / "cost.json")
     print(f"{scene.name}: {len(plan.frames)} frames, {len(plan.fleet.instances)} vehicles, into {out}", flush=True)
+    for note in plan.fleet.notes:
+        print(f"note: {note}", flush=True)
     missing = [frame for frame in plan.frames if not folder.complete(frame)]
     if 0 < len(missing) < len(plan.frames):
         print(f"{len(plan.frames) - len(missing)} of {len(plan.frames)} frames are there; rendering the others")
-    try:
-        if missing:
-            film_missing(plan, folder, missing, costs, scene_path, workers)
+    if missing:
+        film_missing(plan, folder, missing, costs, scene_path, workers)
+    with costs.saved():
         export(plan, folder, plan_document, scene_path.name, costs)
-    except KeyboardInterrupt:
-        costs.save()
-        raise
     for name in (INDEX, "frames/", "truth/", "points.ply", "transforms.json", "sparse/0/", "cost.json"):
         print(f"{out}/{name}")
 

@@ -21,7 +21,7 @@ from synth.develop import read_png  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.files import write_json  # noqa: E402
 from synth.identity import capture_identity  # noqa: E402
-from synth.truth.activity import INTERMITTENT, PERSISTENT, UNSEEN  # noqa: E402
+from synth.truth.activity import INTERMITTENT, PERSISTENT, UNSEEN, within  # noqa: E402
 from synth.truth.boxes import corners, projected, visible  # noqa: E402
 from synth.truth.flow import flow  # noqa: E402
 from synth.truth.occlusion import occlusion  # noqa: E402
@@ -266,6 +266,11 @@ def check_activity(recording: Recording) -> Iterator[Row]:
     yield faults("activity of cells", _joined(wrong_cells))
     moves = (recording.tracks["moving"] & recording.tracks["present"]).any(axis=0)
     yield faults("activity of instances", moves & (label != INTERMITTENT) & (label != PERSISTENT))
+    runs, times, moved = stored["moving_interval"], recording.tracks["time_s"], []
+    for m in range(len(label)):
+        moving = recording.tracks["moving"][:, m] & recording.tracks["present"][:, m]
+        moved.append(within(runs[runs[:, 0] == m, 1:], times) != moving)
+    yield faults("intervals of motion", _joined(moved))
 
 
 def check_rows(recording: Recording) -> Iterator[Row]:

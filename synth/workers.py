@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 
 from synth.costs import Costs
+from synth.parent import environment_of_child
 from synth.plan import Frame
 
 SHARD = 48  # frames: long enough that starting Blender does not count
@@ -40,7 +41,7 @@ def film_in_workers(
 ) -> None:
     """Run `command(shard)` for every shard, at most `workers` at a time.
 
-    On Ctrl-C each worker finishes its frame.
+    On Ctrl-C each worker finishes its frame; a worker ends when this process does, however it ends.
 
     Raises:
         WorkerError: after the others have finished their frame.
@@ -60,7 +61,7 @@ def film_in_workers(
         while ended < len(pieces) and not (failure and not running):
             while waiting and len(running) < workers and failure is None:
                 process = subprocess.Popen(command(waiting.pop(0)), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                                           text=True, process_group=0)  # fmt: skip
+                                           text=True, process_group=0, env=environment_of_child())  # fmt: skip
                 running.append(process)
                 threading.Thread(target=listen, args=(process,), daemon=True).start()
             process, line = said.get()
@@ -74,20 +75,25 @@ def film_in_workers(
             elif line.startswith(ADVANCE):
                 advance(float(line.removeprefix(ADVANCE)))
             elif line.startswith(COSTS):
-                costs.add(json.loads(line.removeprefix(COSTS)))
-                costs.save()
+                _add(costs, line)
     except KeyboardInterrupt:
         _interrupt(running)
-        while running:
-            process, line = said.get()
-            if line is None:
-                process.wait()
-                running.remove(process)
-            elif line.startswith(COSTS):
-                costs.add(json.loads(line.removeprefix(COSTS)))
+        still = len(running)
+        while still:  # what they say last is what they have cost
+            _, line = said.get()
+            still -= line is None
+            if line is not None and line.startswith(COSTS):
+                _add(costs, line)
+        for process in running:
+            process.wait()
         raise
     if failure is not None:
         raise failure
+
+
+def _add(costs: Costs, line: str) -> None:
+    costs.add(json.loads(line.removeprefix(COSTS)))
+    costs.save()
 
 
 def _interrupt(processes: "Sequence[subprocess.Popen[str]]") -> None:

@@ -13,11 +13,11 @@ from synth.blender.build import Stage, build_stage
 from synth.blender.extras import Extra, build_extras
 from synth.blender.passes import linear_rgb, truth
 from synth.blender.render import Renderer, make_renderer
+from synth.blender.requirements import refuse_what_is_missing
 from synth.blender.session import start_empty
 from synth.capture import Folder
 from synth.costs import Costs
 from synth.develop import Shot, develop, png
-from synth.files import write_bytes, write_npz
 from synth.plan import Frame, Plan
 from synth.staging import Extras
 
@@ -32,7 +32,7 @@ def film(plan: Plan, folder: Folder, frames: Sequence[Frame], costs: Costs, adva
 
     `advance` is called with the share of a frame that is finished.
     """
-    with tempfile.TemporaryDirectory(prefix="aa4d-synth-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="aa4d-synth-") as scratch, costs.saved():
         with costs.stage("build"):
             filming = Filming(plan, folder, costs, Path(scratch))
         for start in range(0, len(frames), BATCH):
@@ -54,6 +54,7 @@ class Filming:
     def __init__(self, plan: Plan, folder: Folder, costs: Costs, scratch: Path) -> None:
         self.plan, self.folder, self.costs = plan, folder, costs
         start_empty()
+        refuse_what_is_missing(plan, bpy)
         self.stage: Stage = build_stage(plan)
         self.extras: tuple[Extra, ...] = build_extras(plan, self.stage.scene)
         for staging in plan.staging:
@@ -76,7 +77,7 @@ class Filming:
         self.place(frame)
         with self.costs.stage("truth", frame.name):
             arrays = truth(self.renderer.render_truth(), self.plan, frame)
-            write_npz(self.folder.truth(frame), **arrays)
+            self.folder.keep_arrays(self.folder.truth(frame), **arrays)
 
     def film_picture(self, frame: Frame) -> None:
         self.place(frame)
@@ -90,7 +91,7 @@ class Filming:
                 linear = self._through_the_lens(linear)
             shot = Shot(self.plan, frame, partial(self._depth, frame))
             image = develop(linear, shot, self.costs.effect)
-            write_bytes(self.folder.developed(frame), png(image))
+            self.folder.keep(self.folder.developed(frame), png(image))
 
     def _depth(self, frame: Frame) -> np.ndarray:
         return np.asarray(self.folder.read_truth(frame)["depth_z"])

@@ -19,7 +19,7 @@ from synth.errors import InputError
 
 STAGES = {
     "pose": "fly(settings, flight, seed) -> flight: changes where the camera is, at any real time",
-    "scene": "stage(settings, plan) -> Prop: what Blender builds and animates besides, and the instances it adds",
+    "scene": "stage(settings, plan) -> Staging: what Blender builds and animates besides, and the instances it adds",
     "shutter": "shut(settings, shutter, fps) -> Shutter: how long and in which order the rows are exposed",
     "lens": "lens(settings, K, size) -> Lens: where a ray meets the picture; all passes follow",
     "film": "expose(settings, linear, shot) -> linear: acts on linear light before it becomes eight bits",

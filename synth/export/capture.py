@@ -14,11 +14,11 @@ from synth.export.ply import ply
 from synth.export.points import build_points, load_views
 from synth.files import write_bytes, write_json, write_npz, write_text
 from synth.identity import capture_identity
+from synth.ledger import CHECKSUMS, LEDGER
 from synth.plan import Plan
 from synth.progress import Progress
 from synth.truth.derive import derive, steps
 
-CHECKSUMS = "checksums.json"
 COSTS = "cost.json"
 
 
@@ -53,6 +53,7 @@ def export(plan: Plan, folder: Folder, plan_document: dict[str, Any], scene_file
     content = index(plan, folder, generator, passes)
     identity = capture_identity(content, files, {"plan": plan_document["sha256"]})
     write_json(root / INDEX, {**content, "identity": identity})
+    (root / LEDGER).unlink(missing_ok=True)
 
 
 def told_plan(plan: Plan) -> Plan:
@@ -66,7 +67,7 @@ def told_plan(plan: Plan) -> Plan:
 
 def checksums(folder: Folder) -> dict[str, str]:
     """SHA-256 of every file of the capture by its path, but for the index and what differs from run to run."""
-    left_out = {CHECKSUMS, COSTS, INDEX, PLAN}
+    left_out = {CHECKSUMS, COSTS, INDEX, LEDGER, PLAN}
     files = sorted(path for path in folder.root.rglob("*") if path.is_file())
     names = {folder.relative(path): path for path in files}
     return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in names.items() if name not in left_out}

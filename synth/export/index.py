@@ -1,5 +1,6 @@
 """capture.json and truth/tracks.npz."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -35,8 +36,10 @@ def rows(plan: Plan) -> dict[str, np.ndarray]:
 def measured_viewmats(plan: Plan) -> np.ndarray | None:
     """What the capture gives as poses [N, 4, 4] where they are not the true ones."""
     found = None
-    for effect in at(plan.effects, "capture"):
+    for effect in at(plan.effects, "capture"):  # each measures what the one before it gave
         found = effect.module.measure(effect.settings, plan)
+        frames = tuple(dataclasses.replace(f, viewmat=found[f.rank]) for f in plan.frames)
+        plan = dataclasses.replace(plan, frames=frames)
     return found
 
 

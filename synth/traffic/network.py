@@ -4,6 +4,7 @@ Traffic keeps to the right. A lane marked `junction` may be entered only with a 
 such lanes come too close to each other is found from their geometry, so that a new street needs no table of conflicts.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from synth.traffic.fleet import BODIES
 from synth.traffic.paths import Path, Point, joints
 
 __all__ = ["Bay", "Conflict", "Crossing", "Lane", "Network", "joints"]
@@ -21,6 +23,9 @@ Group = str  # of signal lights: "east_west" or "north_south"
 KERB_HEIGHT_M = 0.12
 SAMPLE_M = 0.4
 CLEAR_M = 2.5  # centre lines nearer than this: two vehicles of usual width would touch, or nearly
+LONGEST = BODIES["bus"]
+LONG_M = 8.0  # from this length on, a body sweeps over more than its width
+SWEPT_MARGIN_M, SWEPT_SAMPLE_M = 0.4, 0.8
 WALKER_M = 0.6  # from the edge of a crossing to where a vehicle's bumper may be
 
 
@@ -122,6 +127,34 @@ class Network:
         return {name: tuple(conflicts) for name, conflicts in found.items()}
 
     @cached_property
+    def swept(self) -> dict[str, tuple[Conflict, ...]]:
+        """For each junction lane, those that two long vehicles cannot use side by side though their centre lines keep
+        clear: in a bend the corners and the tail of a bus sweep over more than its width."""
+        names = [name for name, lane in self.lanes.items() if lane.junction]
+        bodies = {name: self._long_bodies(name) for name in names}
+        together = {frozenset(pair) for lanes in self.routes.values() for pair in itertools.combinations(lanes, 2)}
+        found: dict[str, list[Conflict]] = {name: [] for name in names}
+        for i, a in enumerate(names):
+            known = {a, *(conflict.other for conflict in self.conflicts[a]), *(b for b, _ in self.partings[a])}
+            for b in names[i + 1 :]:
+                # On the lanes of one route they follow one another.
+                if b in known or {a, b} in together or self.lanes[a].level_m != self.lanes[b].level_m:
+                    continue
+                spans = _touching(bodies[a], bodies[b])
+                if spans is not None:
+                    found[a].append(Conflict(b, spans[0], spans[1]))
+                    found[b].append(Conflict(a, spans[1], spans[0]))
+        return {name: tuple(conflicts) for name, conflicts in found.items()}
+
+    def _long_bodies(self, name: str) -> tuple[Array, Array, Array]:
+        """Arc lengths on a lane [S], centres [S, 2] and headings [S] of a bus whose body is on it."""
+        route = next(route for route, lanes in self.routes.items() if name in lanes)
+        start = sum(self.lanes[lane].path.length_m for lane in self.routes[route][: self.routes[route].index(name)])
+        length, reach = self.lanes[name].path.length_m, 0.5 * LONGEST.length_m
+        s = np.linspace(-reach, length + reach, math.ceil((length + 2 * reach) / SWEPT_SAMPLE_M) + 1)
+        return s, *self.route_path(route).axle_pose(start + s, LONGEST.wheelbase_m)
+
+    @cached_property
     def partings(self) -> dict[str, tuple[tuple[str, float], ...]]:
         """For each junction lane, the others that start where it does, and up to which arc length they are close."""
         names = [name for name, lane in self.lanes.items() if lane.junction]
@@ -169,4 +202,23 @@ def _too_close(s: Array, p: Array, t: Array, q: Array) -> tuple[tuple[float, flo
     if not gaps.any():
         return None
     here, there = s[gaps.any(axis=1)], t[gaps.any(axis=0)]
+    return (float(here[0]), float(here[-1])), (float(there[0]), float(there[-1]))
+
+
+def _touching(
+    a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """The spans of two lanes on which two of the longest bodies touch: separating axes of rectangles."""
+    half = 0.5 * np.array([LONGEST.length_m, LONGEST.width_m]) + 0.5 * SWEPT_MARGIN_M
+    between = b[1][None] - a[1][:, None]  # [S, T, 2]
+    apart = np.zeros(between.shape[:2], dtype=bool)
+    axes = [np.stack([[np.cos(h), np.sin(h)], [-np.sin(h), np.cos(h)]]).transpose(2, 0, 1) for h in (a[2], b[2])]
+    for direction in (axes[0][:, None], axes[1][None]):  # [S or 1, T or 1, 2 axes, 2]
+        distance = np.abs((direction * between[:, :, None]).sum(axis=-1))
+        for_a = np.abs(np.einsum("...ix,...jx->...ij", direction, axes[0][:, None])) @ half
+        for_b = np.abs(np.einsum("...ix,...jx->...ij", direction, axes[1][None])) @ half
+        apart |= (distance > for_a + for_b).any(axis=-1)
+    if apart.all():
+        return None
+    here, there = a[0][~apart.all(axis=1)], b[0][~apart.all(axis=0)]
     return (float(here[0]), float(here[-1])), (float(there[0]), float(there[-1]))

@@ -32,6 +32,24 @@ class Parked:
 
 
 @dataclass(frozen=True)
+class Amends:
+    """Those of whom the draw would let two touch: numbers of walkers who turn away from the junction instead of
+    walking into it, and of walkers, cars and parked vehicles that are left out."""
+
+    turned: frozenset[int] = frozenset()
+    walkers: frozenset[int] = frozenset()
+    cars: frozenset[int] = frozenset()
+    parked: frozenset[int] = frozenset()
+
+    @property
+    def left_out(self) -> int:
+        return len(self.walkers) + len(self.cars) + len(self.parked)
+
+
+NO_AMENDS = Amends()
+
+
+@dataclass(frozen=True)
 class Population:
     """All road users. `where` and `colours` name and paint the cars, in their order."""
 
@@ -43,8 +61,10 @@ class Population:
 
 
 def populate(network: Network, vehicles: tuple[Vehicle, ...], flows: tuple[Flow, ...], traffic: Traffic,
-             parking: Parking, people: Pedestrians, seed: int, duration_s: float) -> Population:  # fmt: skip
-    """Draw everybody from the seed; each group from a stream of its own, so that none changes another.
+             parking: Parking, people: Pedestrians, seed: int, duration_s: float,
+             amends: Amends = NO_AMENDS) -> Population:  # fmt: skip
+    """Draw everybody from the seed; each group from a stream of its own, so that none changes another. The draws do not
+    depend on the amends: nobody but those whom they name changes.
 
     Raises:
         InputError: a route that the street does not have, or more parking manoeuvres than bays allow.
@@ -69,8 +89,15 @@ def populate(network: Network, vehicles: tuple[Vehicle, ...], flows: tuple[Flow,
             where.append(car.route_name.split("/")[0])
     colours += [None] * (len(cars) - len(colours))
     early_s = traffic.warm_up_s if flows or parking.arriving else 0.0
-    walkers = _walkers(network, people, seed, duration_s, early_s)
-    return Population(tuple(cars), tuple(where), tuple(colours), walkers, taken)
+    walkers = _walkers(network, people, seed, duration_s, early_s, amends.turned)
+    for car in cars:
+        if car.number in amends.cars:
+            car.enters_s = math.inf
+    return Population(
+        tuple(cars), tuple(where), tuple(colours),
+        tuple(walker for walker in walkers if walker.number not in amends.walkers),
+        tuple(parked for place, parked in enumerate(taken) if place not in amends.parked),
+    )  # fmt: skip
 
 
 def draw_paint(kind: str, rng: np.random.Generator) -> Paint:
@@ -242,7 +269,8 @@ def _arrival(network: Network, index: int, kind: str, number: int, seed: int, du
     return car
 
 
-def _walkers(network: Network, people: Pedestrians, seed: int, duration_s: float, early_s: float) -> tuple[Walker, ...]:
+def _walkers(network: Network, people: Pedestrians, seed: int, duration_s: float, early_s: float,
+             turned: frozenset[int]) -> tuple[Walker, ...]:  # fmt: skip
     rng = generator(seed, "pedestrians")
     walkers: list[Walker] = []
     for number in range(people.crossing if network.crossings else 0):
@@ -260,8 +288,11 @@ def _walkers(network: Network, people: Pedestrians, seed: int, duration_s: float
             return origin[0] + along * u[0] - across * u[1], origin[1] + along * u[1] + across * u[0]
 
         far = crossing.length_m + away
-        path = rounded([at(-away, aside + side * before), at(-away, aside), at(far, aside),
-                        at(far, aside - float(rng.choice([-1, 1])) * after)], 0.5)  # fmt: skip
+        comes, goes = side, -float(rng.choice([-1, 1]))
+        if number in turned:  # the pavement goes on outwards for certain; inwards another street may cross it
+            comes = goes = 1.0 if math.hypot(*at(0.0, 1.0)) > math.hypot(*at(0.0, -1.0)) else -1.0
+        path = rounded([at(-away, aside + comes * before), at(-away, aside), at(far, aside),
+                        at(far, aside + goes * after)], 0.5)  # fmt: skip
         # A rounded corner of half a metre is shorter than a sharp one.
         kerb = before + away - 0.5 * (2 - 0.5 * math.pi)
         cruise = people.speed_mps * float(np.clip(rng.normal(1, 0.12), 0.7, 1.4))

@@ -2,14 +2,15 @@
 
 A junction lane is entered with a grant. A vehicle asks for it where it would have to start braking; until it has it,
 it brakes for the stop line. Whoever has a grant keeps every conflicting lane until its rear has left the place where
-the two come close, so that two vehicles never meet there, whatever the street looks like.
+the two come close, so that two vehicles never meet there, whatever the street looks like. Of two long
+ones whose bodies would touch in a bend, one waits as well.
 """
 
 import math
 from collections.abc import Mapping
 
 from synth.traffic.actors import Car, Walker
-from synth.traffic.network import Network
+from synth.traffic.network import LONG_M, Network
 from synth.traffic.signals import Intervals, green_in_s, is_green
 
 EASY_BRAKING_MPS2 = 2.0  # braking for a stop starts when this would be needed
@@ -80,6 +81,8 @@ def _blocked(car: Car, k: int, cars: list[Car], holders: dict[str, list[tuple[Ca
              lights: Mapping[str, Intervals] | None, time_s: float) -> bool:  # fmt: skip
     name, start = car.route[k], car.starts[k]
     rank = network.lanes[name].rank
+    if 2 * car.half >= LONG_M and _blocked_by_long(car, k, cars, holders, network):
+        return True
     if car.leader_speed < 1.0 and car.front + car.gap < car.starts[k + 1] + 2 * car.half + 1.0:
         return True  # nobody stops inside a junction
     for conflict in network.conflicts[name]:
@@ -95,6 +98,28 @@ def _blocked(car: Car, k: int, cars: list[Car], holders: dict[str, list[tuple[Ca
                 continue
             away = other.starts[j] + conflict.there[0] - other.front
             if away < LOOK_AHEAD_M and away / max(other.speed, SLOWEST_MPS) < clear_s + MARGIN_S:
+                return True
+    return False
+
+
+def _blocked_by_long(car: Car, k: int, cars: list[Car], holders: dict[str, list[tuple[Car, float]]],
+                     network: Network) -> bool:  # fmt: skip
+    """Whether another long vehicle is or soon will be where both would sweep. Of two lanes of different rank the lower
+    one waits, and the higher one never: a ring on which both wait stands still for ever."""
+    name = car.route[k]
+    rank = network.lanes[name].rank
+    for conflict in network.swept[name]:
+        above = network.lanes[conflict.other].rank > rank
+        if network.lanes[conflict.other].rank < rank:
+            continue
+        if any(2 * o.half >= LONG_M and o.rear < at + conflict.there[1] for o, at in holders.get(conflict.other, ())):
+            return True
+        clear_s = (car.starts[k] + conflict.here[1] - car.rear) / max(car.speed, SLOWEST_MPS)
+        for other in cars:
+            if not above or 2 * other.half < LONG_M or conflict.other not in other.route:
+                continue
+            away = other.starts[other.route.index(conflict.other)] + conflict.there[0] - other.front
+            if 0 < away < LOOK_AHEAD_M and away / max(other.speed, SLOWEST_MPS) < clear_s + MARGIN_S:
                 return True
     return False
 

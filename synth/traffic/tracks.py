@@ -6,8 +6,9 @@ turns it on the spot.
 """
 
 import csv
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,7 +19,10 @@ from numpy.typing import NDArray
 
 from synth.checking import key
 from synth.errors import InputError
-from synth.traffic.fleet import BODIES
+from synth.traffic.fleet import BODIES, fastest_mps
+from synth.traffic.rows import Row, number, require
+from synth.traffic.stretches import gaps, jumps, longest_step_s, with_smooth_lane_changes
+from synth.traffic.sumo import read_fcd, read_vehicle_classes
 
 Array = NDArray[np.float64]
 
@@ -26,6 +30,7 @@ FARTHEST_M = 10_000.0
 STANDS_M = 0.15  # a move shorter than this between samples says nothing about the heading
 SMOOTH_M = 5.0  # headings are averaged over this distance: a car's length
 GRID_M = 0.1
+SAME_S = 1e-9  # a sample and a frame at the same time, but for rounding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +43,20 @@ class TrackTable:
         "CSV with the columns id, time_s, x_m, y_m (centre of the footprint) and optionally heading_deg "
         "(counter-clockwise from east), kind"
     )
+    types: str | None = key(
+        "SUMO's file with the vehicle types (`<vType id= vClass=>`), relative to the scene file: each gets the body of "
+        "its vClass; without it the whole words of its name decide, and what they do not tell is said", default=None,
+    )  # fmt: skip
     start_s: float = key("the table's time at the first frame", unit="s", range=(0, 1e7), default=0.0)
+    bridge_s: float | None = key(
+        "the longest time between two samples of a track that a curve may bridge; over longer ones the road user is "
+        "absent. Without the key: 1.5 times the table's usual step, at least 0.5 s", unit="s", range=(0.001, 1e4),
+        default=None,
+    )  # fmt: skip
+    jumps: Literal["refuse", "split"] = key(
+        'a step that nobody could have driven: "refuse" the table, or "split" the track, which leaves the road user '
+        "out between the two samples", default="refuse",
+    )  # fmt: skip
     recentre: bool = key("move the middle of all tracks to the origin; required beyond 10 km, where flow loses pixels",
                          default=False)  # fmt: skip
     overlaps: Literal["refuse", "allow"] = key(
@@ -48,45 +66,54 @@ class TrackTable:
 
 
 @dataclass(frozen=True)
-class _Row:
-    time_s: float
-    x: float
-    y: float
-    heading: float  # radians, counter-clockwise from east; NaN: unknown
-    kind: str
+class Stretch:
+    """Samples in time that a curve joins, of the centre of a footprint."""
 
-
-@dataclass(frozen=True)
-class Track:
-    """One road user: samples in time, of the centre of its footprint. `name` is its id in the table."""
-
-    name: str
-    kind: str
     times_s: Array  # [N]
     centres: Array  # [N, 2]
     headings: Array  # [N], unwrapped
 
 
 @dataclass(frozen=True)
+class Track:
+    """One road user: absent before, between and after its stretches. `name` is its id in the table."""
+
+    name: str
+    kind: str
+    stretches: tuple[Stretch, ...]
+
+    def stretch(self, time_s: float) -> Stretch:
+        """The last one that has begun; before all of them the first."""
+        return next((s for s in reversed(self.stretches) if s.times_s[0] <= time_s + SAME_S), self.stretches[0])
+
+    def here(self, time_s: float) -> bool:
+        stretch = self.stretch(time_s)
+        return bool(stretch.times_s[0] - SAME_S <= time_s <= stretch.times_s[-1] + SAME_S)
+
+
+@dataclass(frozen=True)
 class Tracks:
-    """All of a table. `origin_m` is what was subtracted from its coordinates; `may_touch`: each other."""
+    """All of a table. `origin_m` is what was subtracted from its coordinates; `may_touch`: each other; `notes`: what
+    of the table is not shown as it stands, in sentences."""
 
     tracks: tuple[Track, ...]
     origin_m: tuple[float, float]
     may_touch: bool = False
+    notes: tuple[str, ...] = ()
 
     @property
     def kinds(self) -> tuple[str, ...]:
         return tuple(track.kind for track in self.tracks)
 
     def here(self, time_s: float) -> NDArray[np.bool_]:
-        return np.array([t.times_s[0] <= time_s <= t.times_s[-1] for t in self.tracks], dtype=bool)
+        return np.array([track.here(time_s) for track in self.tracks], dtype=bool)
 
     def poses(self, time_s: float) -> tuple[Array, Array]:
         centres, headings = np.empty((len(self.tracks), 2)), np.empty(len(self.tracks))
         for m, track in enumerate(self.tracks):
-            centres[m] = _cubic(track.times_s, track.centres, time_s)[0]
-            headings[m] = _cubic(track.times_s, track.headings[:, None], time_s)[0][0]
+            stretch = track.stretch(time_s)
+            centres[m] = _cubic(stretch.times_s, stretch.centres, time_s)[0]
+            headings[m] = _cubic(stretch.times_s, stretch.headings[:, None], time_s)[0][0]
         return centres, headings
 
     def heights(self, time_s: float) -> Array:  # noqa: ARG002 - on the ground at any time
@@ -94,7 +121,8 @@ class Tracks:
 
     def speeds(self, time_s: float) -> Array:
         here = self.here(time_s)
-        speeds = [np.hypot(*_cubic(t.times_s, t.centres, time_s)[1]) for t in self.tracks]
+        stretches = (track.stretch(time_s) for track in self.tracks)
+        speeds = [np.hypot(*_cubic(s.times_s, s.centres, time_s)[1]) for s in stretches]
         return np.where(here, np.array(speeds).reshape(-1), 0.0)
 
 
@@ -102,25 +130,16 @@ def read_tracks(table: TrackTable, folder: Path, duration_s: float, where: str =
     """Read a table: those who are there at some time of a clip of `duration_s`.
 
     Raises:
-        InputError: the file cannot be read, holds no tracks, none during the clip, or lies too far from the origin.
+        InputError: the file cannot be read, holds no tracks, none during the clip, one that nobody could have driven,
+            or lies too far from the origin.
     """
-    path = folder / table.file
-    if ".." in Path(table.file).parts or Path(table.file).is_absolute():
-        raise InputError(f"{where}.file: {table.file!r} must lie in the scene's folder or below it.")
-    try:
-        rows = _sumo(path) if table.format == "sumo" else _metres(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the tracks: {error.strerror}.") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: cannot read the tracks: it is not UTF-8 text.") from None
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: not valid XML: {error}.") from None
+    path = _beside_the_scene(folder, table.file, f"{where}.file")
+    rows, guesses = _read(table, folder, path, where)
     if not rows:
         raise InputError(f"{path}: holds no tracks.")
-    tracks = {name: _track(name, samples, path) for name, samples in rows.items() if len(samples) > 1}
-    if not tracks:
-        raise InputError(f"{path}: every track has one sample only; two or more are needed.")
-    everywhere = np.concatenate([track.centres for track in tracks.values()])
+    tracks, notes = _tracks({name: sorted(of, key=lambda row: row.time_s) for name, of in rows.items()}, table, path)
+    samples = [stretch for track in tracks for stretch in track.stretches]
+    everywhere = np.concatenate([stretch.centres for stretch in samples])
     origin = np.round(0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0)), 1) if table.recentre else np.zeros(2)
     farthest = float(np.abs(everywhere - origin).max())
     if farthest > FARTHEST_M:
@@ -128,106 +147,120 @@ def read_tracks(table: TrackTable, folder: Path, duration_s: float, where: str =
             f"{path}: a track lies {farthest / 1000:.0f} km from the origin; set {where}.recentre = true, which moves "
             "the middle of all tracks there (far from the origin flow loses whole pixels)."
         )
-    first, last = (f(track.times_s[end] for track in tracks.values()) for f, end in ((min, 0), (max, -1)))
+    first, last = min(s.times_s[0] for s in samples), max(s.times_s[-1] for s in samples)
     shown = [
-        t for t in tracks.values() if t.times_s[0] <= table.start_s + duration_s and t.times_s[-1] >= table.start_s
-    ]
+        Track(t.name, t.kind, tuple(Stretch(s.times_s - table.start_s, s.centres - origin, s.headings) for s in during))
+        for t in tracks
+        if (during := [s for s in t.stretches
+                       if s.times_s[0] <= table.start_s + duration_s and s.times_s[-1] >= table.start_s])
+    ]  # fmt: skip
     if not shown:
         raise InputError(
             f"{path}: nobody is there during the clip: the tracks run from {first:g} s to {last:g} s, the clip from "
             f"{table.start_s:g} s to {table.start_s + duration_s:g} s; set {where}.start_s."
         )
-    moved = [Track(t.name, t.kind, t.times_s - table.start_s, t.centres - origin, t.headings) for t in shown]
-    return Tracks(tuple(moved), (float(origin[0]), float(origin[1])), may_touch=table.overlaps == "allow")
+    return Tracks(tuple(shown), (float(origin[0]), float(origin[1])), table.overlaps == "allow", (*guesses, *notes))
 
 
-def _sumo(path: Path) -> dict[str, list[_Row]]:
-    rows: dict[str, list[_Row]] = {}
-
-    def add(name: str, time: str, x: str, y: str, angle: str, type_name: str, where: str) -> None:
-        kind = _sumo_kind(type_name)
-        heading = math.radians(90.0 - _number(angle, f"{path}: {where}: angle"))
-        half = 0.5 * BODIES[kind].length_m if kind != "pedestrian" else 0.0
-        px, py = _number(x, f"{path}: {where}: x"), _number(y, f"{path}: {where}: y")
-        row = _Row(_number(time, f"{path}: {where}: time"), px - half * math.cos(heading),
-                   py - half * math.sin(heading), heading, kind)  # fmt: skip
-        rows.setdefault(name, []).append(row)
-
-    if path.suffix.lower() == ".xml":
-        time = "0"
-        for event, element in ElementTree.iterparse(path, events=("start", "end")):
-            if event == "start" and element.tag == "timestep":
-                time = element.get("time", "0")
-            elif event == "end" and element.tag in ("vehicle", "person"):
-                get = element.get
-                kind = get("type", "") if element.tag == "vehicle" else "pedestrian"
-                add(get("id", ""), time, get("x", ""), get("y", ""), get("angle", ""), kind, f"time {time}")
-                element.clear()
-        return rows
-    with path.open(encoding="utf-8-sig", newline="") as stream:
-        sample = stream.readline()
-        stream.seek(0)
-        reader = csv.DictReader(stream, delimiter=";" if ";" in sample else ",")
-        columns = reader.fieldnames or []
-        needed = ("timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle")
-        _require(path, columns, needed)
-        for number, row in enumerate(reader, start=2):
-            if row["vehicle_id"]:
-                add(row["vehicle_id"], row["timestep_time"], row["vehicle_x"], row["vehicle_y"], row["vehicle_angle"],
-                    row.get("vehicle_type") or "", f"line {number}")  # fmt: skip
-    return rows
+def _beside_the_scene(folder: Path, name: str, where: str) -> Path:
+    if ".." in Path(name).parts or Path(name).is_absolute():
+        raise InputError(f"{where}: {name!r} must lie in the scene's folder or below it.")
+    return folder / name
 
 
-def _metres(path: Path) -> dict[str, list[_Row]]:
-    rows: dict[str, list[_Row]] = {}
+def _read(table: TrackTable, folder: Path, path: Path, where: str) -> tuple[dict[str, list[Row]], tuple[str, ...]]:
+    """Rows by id, and notes on what of them is a guess."""
+    reading = path
+    try:
+        if table.format == "metres":
+            return _metres(path), ()
+        classes = {}
+        if table.types is not None:
+            reading = _beside_the_scene(folder, table.types, f"{where}.types")
+            classes = read_vehicle_classes(reading)
+            reading = path
+        return read_fcd(path, classes)
+    except OSError as error:
+        raise InputError(f"{reading}: cannot read the tracks: {error.strerror}.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{reading}: cannot read the tracks: it is not UTF-8 text.") from None
+    except ElementTree.ParseError as error:
+        raise InputError(f"{reading}: not valid XML: {error}.") from None
+
+
+def _metres(path: Path) -> dict[str, list[Row]]:
+    rows: dict[str, list[Row]] = {}
     with path.open(encoding="utf-8-sig", newline="") as stream:
         reader = csv.DictReader(stream)
-        _require(path, reader.fieldnames or [], ("id", "time_s", "x_m", "y_m"))
-        for number, row in enumerate(reader, start=2):
-            where = f"{path}: line {number}"
+        require(path, reader.fieldnames or [], ("id", "time_s", "x_m", "y_m"))
+        for line, row in enumerate(reader, start=2):
+            where = f"{path}: line {line}"
             kind = row.get("kind") or "saloon"
             if kind not in BODIES:
                 raise InputError(f"{where}: kind {kind!r} must be one of {', '.join(BODIES)}.")
             heading = row.get("heading_deg") or ""
-            angle = math.radians(_number(heading, f"{where}: heading_deg")) if heading else math.nan
-            time_s, x, y = (_number(row[name], f"{where}: {name}") for name in ("time_s", "x_m", "y_m"))
-            rows.setdefault(row["id"], []).append(_Row(time_s, x, y, angle, kind))
+            angle = math.radians(number(heading, f"{where}: heading_deg")) if heading else math.nan
+            time_s, x, y = (number(row[name], f"{where}: {name}") for name in ("time_s", "x_m", "y_m"))
+            rows.setdefault(row["id"], []).append(Row(time_s, x, y, angle, kind))
     return rows
 
 
-def _require(path: Path, columns: Sequence[str], needed: tuple[str, ...]) -> None:
-    missing = [name for name in needed if name not in columns]
-    if missing:
-        raise InputError(f"{path}: the columns {', '.join(missing)} are missing; needed are {', '.join(needed)}.")
+def _tracks(rows: dict[str, list[Row]], table: TrackTable, path: Path) -> tuple[list[Track], tuple[str, ...]]:
+    """Tracks from rows in the order of time, and what of them is left out."""
+    steps = np.concatenate([np.diff([row.time_s for row in of]) for of in rows.values()])
+    longest_s = longest_step_s(steps) if table.bridge_s is None else table.bridge_s
+    tracks, holes_s = [], []
+    alone = sum(map(len, rows.values()))
+    for name, of in rows.items():
+        stretches = tuple(_stretches(name, of, longest_s, table, path))
+        alone -= sum(len(stretch.times_s) for stretch in stretches)
+        if stretches:
+            tracks.append(Track(name, of[0].kind, stretches))
+            holes_s += [after.times_s[0] - before.times_s[-1] for before, after in itertools.pairwise(stretches)]
+    if not tracks:
+        raise InputError(f"{path}: every track has one sample only; two or more are needed.")
+    notes = []
+    if holes_s:
+        notes.append(
+            f"{path}: gaps in tracks: {len(holes_s)}, of up to {max(holes_s):.3g} s, in which their road users are "
+            "absent; tracks.bridge_s sets how long a gap a curve may bridge."
+        )
+    if alone:
+        notes.append(f"{path}: rows that stand alone in time or place, and are left out: {alone}.")
+    return tracks, tuple(notes)
 
 
-def _number(text: str | None, where: str) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {text!r} must be a finite number.")
-    return value
-
-
-def _sumo_kind(type_name: str) -> str:
-    """The body for a SUMO vehicle type: by its name or class."""
-    words = {"bus": "bus", "coach": "bus", "truck": "truck", "trailer": "truck", "delivery": "van", "van": "van",
-             "bicycle": "cyclist", "bike": "cyclist", "pedestrian": "pedestrian", "ped": "pedestrian", "suv": "suv",
-             "hatchback": "hatchback"}  # fmt: skip
-    return next((kind for word, kind in words.items() if word in type_name.lower()), "saloon")
-
-
-def _track(name: str, rows: list[_Row], path: Path) -> Track:
-    rows = sorted(rows, key=lambda row: row.time_s)
+def _stretches(name: str, rows: list[Row], longest_s: float, table: TrackTable, path: Path) -> Iterator[Stretch]:
+    """The stretches of one road user; a sample that stands alone is left out."""
     times = np.array([row.time_s for row in rows])
-    if np.diff(times).min() <= 0:
+    if (np.diff(times) <= 0).any():
         raise InputError(f"{path}: {name!r} is at two places at {times[int(np.diff(times).argmin())]:g} s.")
-    centres = np.array([(row.x, row.y) for row in rows])
-    body = BODIES[rows[0].kind]
     given = np.array([row.heading for row in rows])
-    return Track(name, rows[0].kind, times, centres, _headings(times, centres, given, max(body.wheelbase_m, 0.5)))
+    centres = np.array([(row.x - row.ahead_m * math.cos(row.heading), row.y - row.ahead_m * math.sin(row.heading))
+                        if row.ahead_m else (row.x, row.y) for row in rows])  # fmt: skip
+    body = BODIES[rows[0].kind]
+    for part in _parts(times, gaps(times, longest_s)):
+        if table.format == "sumo":
+            centres[part] = with_smooth_lane_changes(times[part], centres[part], given[part])
+        wrong = jumps(times[part], centres[part], fastest_mps(rows[0].kind))
+        if wrong and table.jumps == "refuse":
+            start, speed = part.start + wrong[0].index, wrong[0].speed_mps
+            raise InputError(
+                f"{path}: {name!r} would have to move at {speed:.0f} m/s from {times[start]:g} s to "
+                f"{times[start + 1]:g} s, which a {rows[0].kind} there could not; mend the table, or set tracks.jumps "
+                '= "split", which leaves it out in between.'
+            )
+        for inner in _parts(times[part], np.array([jump.index for jump in wrong], dtype=np.int64)):
+            t, c = times[part][inner], centres[part][inner]
+            if len(t) > 1:
+                headings = _headings(t, c, given[part][inner], max(body.wheelbase_m, 0.5))
+                yield Stretch(t, c, headings)
+
+
+def _parts(times: Array, last: NDArray[np.int64]) -> Iterator[slice]:
+    """Slices of samples that end with those of index `last`."""
+    edges = [0, *(last + 1).tolist(), len(times)]
+    return (slice(a, b) for a, b in itertools.pairwise(edges))
 
 
 def _headings(times: Array, centres: Array, given: Array, wheelbase_m: float) -> Array:

@@ -14,9 +14,15 @@ PERSISTENT_SHARE = 0.9  # active for at least this share of the time
 SAMPLE_S = 0.1  # activity is looked up this often, whatever the frame rate
 
 
-def sample_times(duration_s: float) -> Array:
-    """Evenly spaced times from 0 to the end, at most `SAMPLE_S` apart."""
-    return np.linspace(0.0, duration_s, max(2, int(np.ceil(duration_s / SAMPLE_S)) + 1)) if duration_s else np.zeros(1)
+def sample_times(frames_s: Array) -> Array:
+    """The frames' instants [N], and evenly spaced times between two of them, at most `SAMPLE_S` apart: what is said
+    of the clip and what is said of its frames are looked up at the same times."""
+    if len(frames_s) < 2:
+        return np.array(frames_s, dtype=np.float64)
+    between = max(1, int(np.ceil(np.diff(frames_s).max() / SAMPLE_S - 1e-9)))
+    shares = np.arange(between) / between
+    inner = frames_s[:-1, None] + shares * np.diff(frames_s)[:, None]
+    return np.append(inner.ravel(), frames_s[-1])
 
 
 def label_of(active: Mask, changes: Mask, there: Mask | None = None) -> NDArray[np.uint8]:
@@ -32,11 +38,17 @@ def label_of(active: Mask, changes: Mask, there: Mask | None = None) -> NDArray[
     return labels.astype(np.uint8)
 
 
-def intervals(times_s: Array, active: Mask) -> list[tuple[float, float]]:
-    """When a subject [T] is active: [start, end) of every run; a run that lasts to the end ends there."""
+def intervals(times_s: Array, active: Mask, end_s: float) -> list[tuple[float, float]]:
+    """When a subject [T] is active: [start, end) of every run; one that lasts to the last time ends at `end_s`, when
+    the clip is over, so that it holds the last frame too."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(np.int8)))
-    last = len(times_s) - 1
-    return [(float(times_s[a]), float(times_s[min(b, last)])) for a, b in edges.reshape(-1, 2)]
+    ends = np.append(times_s, end_s)
+    return [(float(times_s[a]), float(ends[b])) for a, b in edges.reshape(-1, 2)]
+
+
+def within(intervals_s: Array, times_s: Array) -> Mask:
+    """Which times [T] lie in any of the intervals [I, 2], [start, end)."""
+    return ((intervals_s[:, 0] <= times_s[:, None]) & (times_s[:, None] < intervals_s[:, 1])).any(axis=1)
 
 
 @dataclass(frozen=True)

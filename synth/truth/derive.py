@@ -56,7 +56,7 @@ def derive(plan: Plan, folder: Folder, costs: Costs, advance: Callable[[float], 
                 path = folder.truth_pass(name, frame)
                 if not path.is_file():
                     with costs.stage(name):
-                        write_npz(path, **_pairs(plan, folder, frame, name))
+                        folder.keep_arrays(path, **_pairs(plan, folder, frame, name))
                 advance(1.0)
     if "visible_pixels" in asked or "boxes" in asked:
         with costs.stage("boxes"):
@@ -125,7 +125,8 @@ def _boxes(plan: Plan, folder: Folder) -> dict[str, NDArray[Any]]:
 
 def _activity(plan: Plan, folder: Folder) -> dict[str, Any]:
     """Labels of instances, cells and pixels, and the two indices."""
-    times = sample_times((plan.scene.time.frames - 1) / plan.scene.time.fps)
+    frame_times = np.array([frame.time_s for frame in plan.frames])
+    times = sample_times(frame_times)
     moving = np.stack([plan.cast.moving(float(t)) for t in times])
     present = np.stack([plan.cast.present(float(t)) for t in times])
     lit = np.stack([plan.cast.lit(float(t)) for t in times])
@@ -147,17 +148,18 @@ def _activity(plan: Plan, folder: Folder) -> dict[str, Any]:
         write_bytes(folder.truth_pass("activity", frame), png(labels))
     seen = seen.reshape(-1, *grid.shape)
     ever = np.where(seen.any(axis=0), cells, UNSEEN).astype(np.uint8)
-    at_frames = np.stack([footprints(grid, *_movers(plan, size, f.time_s)) for f in plan.frames])
-    on_off = [(m, *run) for m in range(len(size)) for run in intervals(times, moving[:, m] & present[:, m])]
+    between = max(1, (len(times) - 1) // max(1, len(plan.frames) - 1))
+    end_s = len(plan.frames) / plan.scene.time.fps
+    on_off = [(m, *run) for m in range(len(size)) for run in intervals(times, moving[:, m] & present[:, m], end_s)]
     write_npz(
         folder.root / "truth" / "activity.npz",
         instance_id=np.arange(1, len(size) + 1, dtype=np.uint32),
         instance_label=instance_label,
         moving_interval=np.array(on_off).reshape(-1, 3),
-        time_s=np.array([frame.time_s for frame in plan.frames]),
+        time_s=frame_times,
         cell_label=ever,
         cell_label_at=np.where(seen, cells, UNSEEN).astype(np.uint8),
-        cell_active=at_frames,
+        cell_active=active[::between],
         origin_m=np.array(grid.origin_m),
         cell_m=np.array(grid.cell_m),
     )

@@ -112,6 +112,50 @@ def test_interrupted_render_continues_to_the_same_bytes(
     assert digests(out) == digests(capture)
 
 
+def test_damaged_and_exchanged_files_are_made_again(
+    capture: Path, full_capture: Path, flyover: Command, tiny_scene: Path, tmp_path: Path
+) -> None:
+    """Of a finished capture and of an unfinished one: no bytes, half a file, another valid file, a missing one."""
+    expected = digests(full_capture)
+    scene = full_capture.parent / "full.toml"
+    out = Path(shutil.copytree(full_capture, tmp_path / "finished"))
+    (out / "frames/000001.png").write_bytes(b"")
+    (out / "truth/000002.npz").write_bytes((out / "truth/000002.npz").read_bytes()[:-100])
+    shutil.copy(out / "frames/000004.png", out / "frames/000003.png")
+    shutil.copy(out / "truth/flow/000001.npz", out / "truth/flow/000002.npz")
+    (out / "points.ply").write_bytes(b"")
+    (out / "truth/boxes.npz").unlink()
+    (out / "cost.json").write_bytes(b"")
+    result = flyover([scene, "--out", out])
+    assert result.returncode == 0, result.stderr
+    assert "frames/000001.png" in result.stdout
+    assert "and 2 more" in result.stdout
+    assert digests(out) == expected
+
+    (out / "capture.json").write_bytes(b"")
+    result = flyover([scene, "--out", out])
+    assert "made again: capture.json" in result.stdout
+    assert digests(out) == expected
+    assert "complete already" in flyover([scene, "--out", out]).stdout
+
+    out = tmp_path / "unfinished"
+    (out / "truth").mkdir(parents=True)
+    (out / "frames").mkdir()
+    shutil.copy(capture / "plan.json", out / "plan.json")
+    lines = []
+    for name, source in (("frames/000000.png", "000000.png"), ("frames/000001.png", "000005.png")):
+        shutil.copy(capture / "frames" / source, out / name)  # the second is somebody else's
+        lines.append(f"{digests(capture)[name]}  {name}\n")
+    (out / "unfinished.sha256").write_text("".join(lines) + "0" * 30)  # the last line was cut short
+    shutil.copy(capture / "truth/000000.npz", out / "truth/000000.npz")  # whole, but not in the ledger
+    kept = (out / "frames/000000.png").stat().st_mtime_ns
+    result = flyover([tiny_scene, "--out", out])
+    assert result.returncode == 0, result.stderr
+    assert "made again: frames/000001.png" in result.stdout
+    assert (out / "frames/000000.png").stat().st_mtime_ns == kept
+    assert digests(out) == digests(capture)
+
+
 def test_two_workers_write_the_same_bytes(capture: Path, full_capture: Path) -> None:
     """The tiny scene by one process, and by two with more passes."""
     for frame in sorted((capture / "frames").iterdir()):
@@ -203,7 +247,7 @@ def test_own_pictures_read_back_and_damaged_ones_do_not() -> None:
         np.testing.assert_array_equal(read_png(png(image)), image)
     content = bytearray(png(image))
     content[-15] ^= 1
-    for bad in (bytes(content), b"GIF89a", png(image)[:40]):
+    for bad in (bytes(content), b"GIF89a", *(png(image)[:end] for end in range(len(png(image)) - 12))):
         with pytest.raises(ValueError, match="PNG"):
             read_png(bad)
 

@@ -133,6 +133,25 @@ def test_measured_poses_scatter_as_asked_about_the_true_ones(scene: Scene) -> No
     assert correlation == pytest.approx(math.exp(-0.5), abs=0.08)  # half a second between frames
 
 
+def test_several_effects_on_the_poses_that_are_told_add_up(scene: Scene) -> None:
+    """The last one must not undo those before it."""
+    from synth.effects import Effect
+    from synth.export.index import measured_viewmats
+
+    def shift(axis: int) -> Effect:
+        def measure(metres: float, plan: Any) -> Any:
+            return np.stack([f.viewmat + metres * np.eye(4)[:, 3:] @ np.eye(4)[axis : axis + 1] for f in plan.frames])
+
+        return Effect(f"shift{axis}", 2.0 + axis, SimpleNamespace(STAGE="capture", measure=measure))  # type: ignore[arg-type]
+
+    plan = planned(scene)
+    both = measured_viewmats(replace(plan, effects=(shift(0), shift(1))))
+    assert both is not None
+    for frame, told in zip(plan.frames, both, strict=True):
+        np.testing.assert_allclose((told - frame.viewmat)[3, :2], [2.0, 3.0])
+    assert measured_viewmats(plan) is None
+
+
 def test_shutter_rows_and_limits(scene: Scene) -> None:
     offsets = Shutter(readout_s=0.02).row_offsets_s(4)
     np.testing.assert_allclose(offsets, [-0.0075, -0.0025, 0.0025, 0.0075])

@@ -14,6 +14,7 @@ from synth.errors import InputError
 from synth.plan import make_fleet, make_plan
 from synth.spec import Scene, Traffic, read_scene
 from synth.traffic.fleet import BODIES
+from synth.traffic.sumo import kind_of_type
 from synth.traffic.tracks import Tracks, TrackTable, read_tracks
 
 CSV_HEAD = (
@@ -90,6 +91,78 @@ def test_positions_between_samples_are_continuous_whatever_the_frame_rate(tmp_pa
         assert np.abs(x - exact)[2:].max() < 2e-3
 
 
+def test_sideways_jump_at_a_lane_change_takes_seconds(tmp_path: Path) -> None:
+    """3.2 m within 40 ms are 80 m/s: the change is spread, at the speed that the vehicle has."""
+    rows = [(0.04 * k, "a", 0.4 * k, 0.0 if k < 100 else 3.2, 90.0) for k in range(200)]
+    tracks = read(sumo_csv(tmp_path / "f.csv", rows))
+    speeds = np.array([tracks.speeds(float(t))[0] for t in np.arange(0, 7.9, 0.01)])
+    assert 9.9 < speeds.min() <= speeds.max() < 10.6  # hypot(10, 3.2 * 1.875 / 2)
+    for time_s, y in ((2.9, 0.0), (3.98, 1.6), (5.1, 3.2)):
+        assert tracks.poses(time_s)[0][0, 1] == pytest.approx(y, abs=1e-6)
+
+
+@pytest.mark.parametrize("step_s", [0.04, 0.1, 0.5, 1.0])
+def test_who_is_missing_in_the_table_is_absent(tmp_path: Path, step_s: float) -> None:
+    """Rows are missing for 1.5 s or more: no position is invented, and the note says so."""
+    times = [step_s * k for k in range(int(10 / step_s) + 1) if not 4.0 < step_s * k < 5.9]
+    tracks = read(sumo_csv(tmp_path / "f.csv", [(t, "a", 10.0 * t, 5.0, 90.0) for t in times]))
+    before, after = max(t for t in times if t <= 4.0), min(t for t in times if t >= 5.9)
+    for time_s in (0.0, 3.2, before, after, 9.0):
+        assert tracks.here(time_s).tolist() == [True], time_s
+        assert tracks.speeds(time_s)[0] == pytest.approx(10.0)
+        assert tracks.poses(time_s)[0][0, 0] == pytest.approx(10 * time_s - BODIES["saloon"].length_m / 2)
+    for time_s in np.linspace(before + 1e-6, after - 1e-6, 9):
+        assert tracks.here(float(time_s)).tolist() == [False]
+        assert tracks.speeds(float(time_s)).tolist() == [0.0]
+        assert np.isfinite(tracks.poses(float(time_s))[0]).all()
+    assert f"gaps in tracks: 1, of up to {after - before:.3g} s" in tracks.notes[0]
+    bridged = read(tmp_path / "f.csv", bridge_s=2.5)
+    assert bridged.here(5.0).tolist() == [True]
+    assert bridged.notes == ()
+
+
+def test_a_table_of_coarse_steps_has_no_gaps(tmp_path: Path) -> None:
+    tracks = read(sumo_csv(tmp_path / "f.csv", [(2.0 * k, "a", 20.0 * k, 5.0, 90.0) for k in range(6)]))
+    assert all(tracks.here(t).all() for t in (0.0, 1.0, 5.5, 10.0))
+    assert tracks.notes == ()
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("jump_m", [30.0, 75.0, -40.0])
+def test_steps_that_nobody_could_drive_are_refused_or_split(tmp_path: Path, step_s: float, jump_m: float) -> None:
+    last = round(5.0 / step_s)
+    rows = [(step_s * k, "a", 10.0 * step_s * k + (jump_m if k > last else 0.0), 0.0, 90.0) for k in range(2 * last)]
+    path = sumo_csv(tmp_path / "f.csv", rows)
+    with pytest.raises(InputError, match=r"'a' would have to move at .* m/s from 5 s to .*tracks\.jumps") as caught:
+        read(path)
+    assert f" {abs(10 * step_s + jump_m) / step_s:.0f} m/s" in str(caught.value)
+    split = read(path, jumps="split")
+    assert split.here(5.0).tolist() == split.here(5.0 + step_s).tolist() == [True]
+    assert split.here(5.0 + 0.5 * step_s).tolist() == [False]
+    speeds = [split.speeds(float(t))[0] for t in np.linspace(0, (2 * last - 1) * step_s, 401)]
+    assert max(speeds) == pytest.approx(10.0)
+
+
+def test_hard_braking_noise_and_a_fast_start_are_no_jumps(tmp_path: Path) -> None:
+    """9 m/s² to a stand, centimetres of noise at 25 Hz, and 5 m/s² from a stand at 1 Hz."""
+    t = np.arange(0, 8, 0.04)
+    braking = np.where(t < 4, 25 * t, 100 + 25 * np.minimum(t - 4, 25 / 9) - 4.5 * np.minimum(t - 4, 25 / 9) ** 2)
+    noisy = braking + np.random.default_rng(0).normal(0, 0.2, len(t))
+    assert read(sumo_csv(tmp_path / "f.csv", [(a, "a", x, 0.0, 90.0) for a, x in zip(t, noisy, strict=True)]))
+    slow = [(float(k), "a", 2.5 * max(0, k - 4) ** 2, 0.0, 90.0) for k in range(9)]
+    assert read(sumo_csv(tmp_path / "s.csv", slow)).speeds(7.5)[0] > 10
+
+
+def test_a_row_that_stands_alone_is_left_out(tmp_path: Path) -> None:
+    """One row far off, at any step: both steps are jumps, and the row between them is no stretch."""
+    for step_s in (0.1, 1.0):
+        rows = [(step_s * k, "a", 10.0 * step_s * k, 60.0 if k == 5 else 0.0, 90.0) for k in range(11)]
+        split = read(sumo_csv(tmp_path / "f.csv", rows), jumps="split")
+        assert split.here(5 * step_s).tolist() == [False]
+        assert [len(stretch.times_s) for stretch in split.tracks[0].stretches] == [5, 5]
+        assert "left out: 1." in split.notes[-1]
+
+
 def test_vehicles_are_present_while_the_table_has_them(tmp_path: Path) -> None:
     rows = [(0.5 * k, "a", 5.0 * k, 0.0, 90.0) for k in range(5)] + [
         (4 + 0.5 * k, "b", 5.0 * k, 9.0, 90.0) for k in range(5)
@@ -143,6 +216,71 @@ def test_measured_tracks(tmp_path: Path) -> None:
     assert tracks.kinds == ("bus", "pedestrian")
     assert tracks.poses(1.0)[0][0] == pytest.approx([10.0, 1.0])
     assert tracks.poses(1.0)[1][1] == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "doubt"),
+    [
+        ("moped", "cyclist", "stands in"),  # not a pedestrian, though "ped" is a part of it
+        ("motorcycle", "cyclist", "stands in"),
+        ("tram", "bus", "stands in"),
+        ("rail_urban", "bus", "stands in"),
+        ("bus_1", "bus", ""),
+        ("cityBus2", "bus", ""),
+        ("buses", "saloon", "unknown"),
+        ("rebus", "saloon", "unknown"),
+        ("Vanessa", "saloon", "unknown"),
+        ("caravan", "saloon", "unknown"),
+        ("ped_pedestrian", "pedestrian", ""),
+        ("veh_passenger", "saloon", ""),
+        ("DEFAULT_VEHTYPE", "saloon", ""),
+        ("DEFAULT_PEDTYPE", "pedestrian", ""),
+        ("DEFAULT_BIKETYPE", "cyclist", ""),
+        ("delivery", "van", ""),
+        ("truck-trailer", "truck", ""),
+        ("cars", "saloon", ""),
+        ("type7", "saloon", "unknown"),
+        ("", "saloon", "unknown"),
+    ],
+)
+def test_types_are_matched_by_whole_words(name: str, kind: str, doubt: str) -> None:
+    assert kind_of_type(name) == (kind, doubt)
+
+
+def test_vehicle_classes_decide_and_what_is_unknown_is_said_once(tmp_path: Path) -> None:
+    steps = "".join(
+        f'<timestep time="{t}">'
+        + "".join(f'<vehicle id="{n}" x="{9 * t}" y="{9 * k}" angle="90" type="{n}"/>' for k, n in enumerate("abc"))
+        + f'<person id="p" x="0" y="{t}" angle="0" type="bus"/></timestep>'
+        for t in range(5)
+    )
+    (tmp_path / "f.xml").write_text(f"<fcd-export>{steps}</fcd-export>")
+    tracks = read(tmp_path / "f.xml")
+    assert tracks.kinds == ("saloon", "saloon", "saloon", "pedestrian")
+    assert len(tracks.notes) == 1
+    assert "unknown class, shown as a saloon: 'a', 'b', 'c'; set tracks.types" in tracks.notes[0]
+    types = '<vType id="a" vClass="bus"/><vType id="b" vClass="moped"/><vType id="c"/>'
+    (tmp_path / "types.xml").write_text(f"<additional>{types}</additional>")
+    told = read(tmp_path / "f.xml", types="types.xml")
+    assert told.kinds == ("bus", "cyclist", "saloon", "pedestrian")
+    assert [note.split(": ", 1)[1] for note in told.notes] == [
+        "types without a body of their own, for which another stands in: a cyclist for 'b'."
+    ]
+    (tmp_path / "types.xml").write_text("<additional/>")
+    with pytest.raises(InputError, match="holds no <vType>"):
+        read(tmp_path / "f.xml", types="types.xml")
+    with pytest.raises(InputError, match=r"tracks\.types: '\.\./t\.xml' must lie in"):
+        read(tmp_path / "f.xml", types="../t.xml")
+    with pytest.raises(InputError, match=r"absent\.xml: cannot read"):
+        read(tmp_path / "f.xml", types="absent.xml")
+
+
+def test_people_of_a_csv_table_are_read(tmp_path: Path) -> None:
+    head = "timestep_time;person_angle;person_id;person_x;person_y;vehicle_angle;vehicle_id;vehicle_type;vehicle_x;"
+    lines = [f"{t};0;p;0;{t};;;;;\n{t};;;;;90;v;bus;{9 * t};9" for t in range(5)]
+    (tmp_path / "f.csv").write_text(head + "vehicle_y\n" + "\n".join(lines) + "\n")
+    tracks = read(tmp_path / "f.csv")
+    assert dict(zip((t.name for t in tracks.tracks), tracks.kinds, strict=True)) == {"p": "pedestrian", "v": "bus"}
 
 
 @pytest.mark.parametrize(
@@ -203,10 +341,10 @@ def test_sumo_itself(quiet_scene: Scene, tmp_path: Path) -> None:
     scene = replace(quiet_scene, tracks=table)
     tracks = read_tracks(table, tmp_path, 8.0)
     assert len(tracks.tracks) > 20
-    for track in tracks.tracks:
-        turn = np.abs(np.diff(track.headings))
+    for stretch in (stretch for track in tracks.tracks for stretch in track.stretches):
+        turn = np.abs(np.diff(stretch.headings))
         assert turn.max() < math.radians(6), "a heading jumps within 40 ms"
-        standing = np.hypot(*np.diff(track.centres, axis=0).T) < 1e-9
+        standing = np.hypot(*np.diff(stretch.centres, axis=0).T) < 1e-9
         assert (turn[standing] < 1e-9).all()
     fleet = make_fleet(scene, 8.0, tmp_path)  # refuses overlaps
     assert fleet.moving(4.0).sum() > 5

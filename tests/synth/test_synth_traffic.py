@@ -14,9 +14,9 @@ from synth.streets import STREETS
 from synth.streets.crossroads import Crossroads
 from synth.traffic.fleet import BODIES
 from synth.traffic.following import ballistic, idm_acceleration, within_gap
-from synth.traffic.instances import Fleet, Instance, Standing, overlapping
+from synth.traffic.instances import Fleet, Instance, Standing, amend, overlapping, overlaps
 from synth.traffic.network import Network, joints
-from synth.traffic.population import Parked, populate
+from synth.traffic.population import Amends, Parked, populate
 from synth.traffic.simulation import Drives, simulate
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -307,6 +307,74 @@ def test_every_street_carries_traffic_without_overlaps() -> None:
         fleet = make_fleet(dense, 6.0)
         moving = np.array([fleet.moving(t) for t in np.linspace(0, 6, 25)])
         assert moving.any(axis=0).sum() >= 6, kind
+
+
+@pytest.mark.parametrize("seed", [0, 1, 5, 7, 14])
+def test_long_vehicles_and_people_on_a_roundabout_never_touch(seed: int) -> None:
+    """A quarter buses, a quarter trucks and people: nobody whom the seed has drawn is the user's to change."""
+    table = read_scene(ROOT / "scenes" / "tiny.toml")
+    busy = replace(table, seed=seed, street=STREETS["roundabout"](), signal=None, vehicles=(), blocks=(),
+                   flows=(Flow(per_hour=400, buses=0.25, trucks=0.25, turning=0.4),),
+                   pedestrians=Pedestrians(crossing=10, strolling=10),
+                   traffic=Traffic(step_s=0.1, warm_up_s=40.0))  # fmt: skip
+    fleet = make_fleet(busy, 8.0)
+    kinds = [instance.kind for instance in fleet.instances]
+    assert kinds.count("bus") + kinds.count("truck") >= 8
+    assert kinds.count("pedestrian") >= 18
+    assert overlaps(fleet, 8.0) == []
+    moving = np.array([fleet.moving(t) for t in np.linspace(0, 8, 17)])
+    long = [kind in ("bus", "truck") for kind in kinds]
+    assert moving.any(axis=0)[long].mean() >= 0.5  # they wait for the ring and for each other
+
+
+def test_long_vehicles_that_wait_for_each_other_do_not_stand_for_ever() -> None:
+    """Where both of two waited, the ring of this seed stood still after a minute."""
+    network, traffic = STREETS["roundabout"]().network(False), Traffic(step_s=0.1, warm_up_s=40.0)
+    flows = (Flow(per_hour=400, buses=0.25, trucks=0.25, turning=0.4),)
+    population = populate(network, (), flows, traffic, Parking(), Pedestrians(crossing=10), 0, 90.0)
+    count = len(population.cars)
+    drives = simulate(network, population.cars, population.walkers, None, traffic, -40.0, 90.0)
+    there = drives.here(89.0)[:count]
+    assert drives.speeds(89.0)[:count][there].mean() > 1.5
+    assert (drives.present[:, :count].any(axis=0) & ~there).sum() > 20
+
+
+def test_who_crosses_beside_a_junction_gives_way_to_its_traffic() -> None:
+    """People who would walk into the other street walk the other way, and the note says so."""
+    table = read_scene(ROOT / "scenes" / "tiny.toml")
+    busy = replace(table, street=Crossroads(), signal=None, vehicles=(), blocks=(), seed=3,
+                   flows=(Flow(per_hour=400, buses=0.25, trucks=0.25),),
+                   pedestrians=Pedestrians(crossing=10, strolling=10),
+                   traffic=Traffic(step_s=0.1, warm_up_s=40.0))  # fmt: skip
+    fleet = make_fleet(busy, 20.0)
+    assert overlaps(fleet, 20.0) == []
+    assert "on foot walk another way" in fleet.notes[0]
+    assert [instance.kind for instance in fleet.instances].count("pedestrian") >= 18
+
+
+def test_two_long_vehicles_share_no_bend_that_both_sweep() -> None:
+    """Into and out of a roundabout by the same arm: the centre lines keep clear, the bodies do not."""
+    network = STREETS["roundabout"]().network(False)
+    for arm in ("east", "north", "west", "south"):
+        assert [c.other for c in network.swept[f"{arm}-entry"]] == [f"{arm}-exit"]
+        assert f"{arm}-exit" not in [c.other for c in network.conflicts[f"{arm}-entry"]]
+    assert not any(STREETS["straight"]().network(False).swept.values())
+    crossroads = STREET.network(False)
+    assert "west-east/0" not in [c.other for c in crossroads.swept["east-west/0"]]  # straight past each other
+
+
+def test_of_two_who_touch_one_that_was_drawn_gives_way() -> None:
+    placed, track, car, late, walker, strolling, bay = (
+        ("placed", 0), ("track", 0), ("car", 3), ("car", 9), ("walker", 2), ("walker", 7), ("parked", 4)
+    )  # fmt: skip
+    none = Amends()
+    assert amend(none, [(placed, track), (placed, ("placed", 1))], 5) == none
+    assert amend(none, [(placed, car), (car, late)], 5) == Amends(cars=frozenset({3}))
+    assert amend(none, [(car, late), (bay, placed)], 5) == Amends(cars=frozenset({9}), parked=frozenset({4}))
+    once = amend(none, [(car, walker), (walker, late), (strolling, late)], 5)
+    assert once == Amends(turned=frozenset({2}), walkers=frozenset({7}))
+    assert amend(once, [(walker, car)], 5) == Amends(turned=frozenset({2}), walkers=frozenset({2, 7}))
+    assert once.left_out == 1
 
 
 def test_vehicles_come_and_go(scene: Scene) -> None:

@@ -1,12 +1,16 @@
 """Truth in closed form: planes, cars and skies whose flow, occlusion, boxes and activity are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from synth.camera import intrinsics, invert_rigid, project
+from synth.effects.lens_distortion import Settings
+from synth.effects.lens_distortion import lens as brown_lens
 from synth.flight.orientation import orientation
-from synth.lens import Pinhole
+from synth.lens import Lens, Pinhole
 from synth.spec import Camera
 from synth.truth.activity import (
     APPEARANCE_ONLY,
@@ -20,6 +24,7 @@ from synth.truth.activity import (
     intervals,
     label_of,
     sample_times,
+    within,
 )
 from synth.truth.boxes import corners, projected, visible
 from synth.truth.flow import flow
@@ -135,6 +140,38 @@ def test_behind_the_camera_is_not_valid() -> None:
     assert not valid[np.isfinite(depth) & (depth < 900)].any()
 
 
+@pytest.mark.parametrize("lens", [LENS, brown_lens(Settings(k1=-0.1), LENS.K, SIZE)], ids=["pinhole", "brown"])
+@pytest.mark.parametrize("before_m", [3e-4, 0.05, 0.2, 2.0])
+def test_what_comes_to_the_cameras_plane_has_no_flow(lens: Lens, before_m: float) -> None:
+    """The camera flies over a level plane until a row of pixels lies `before_m` before its plane: no millions of pixels
+    are valid, and what is valid is right to a pixel though depth is known to a millionth only."""
+    here = viewmat(pitch=0.0, z=2.0)
+    depth = plane(here)
+    depth[depth <= 0] = np.inf
+    x = float(depth[36, 0]) - before_m
+    first, second = (replace(view(m), lens=lens) for m in (here, viewmat(x=x, pitch=0.0, z=2.0)))
+    moved, valid = flow(first, second, depth, NOBODY)
+    assert not valid[36].any() or before_m == 2.0
+    assert np.isnan(moved[~valid]).all()
+    again, _ = flow(first, second, depth * np.float32(1 + 1e-6), NOBODY)
+    assert np.abs(again - moved)[valid].max() < 1.0
+    assert np.abs(moved[valid]).max() < 12 * LENS.K[0, 0]
+    label = occlusion(first, second, depth, NOBODY, depth, NOBODY)
+    assert ((label == UNKNOWN) == ~valid).all()
+
+
+def test_corners_at_the_cameras_plane_have_no_pixels() -> None:
+    """A car beside the camera: corners a hair before its plane are not a million pixels away."""
+    camera = viewmat(pitch=0.0, z=1.0)
+    world = corners(at((2.0003 + 2.25, 1.0)), np.array([[4.5, 1.8, 1.5]]))
+    uv, box = projected(view(viewmat(x=2.0, pitch=0.0, z=1.0), at((0, 0))), world)
+    assert np.isnan(uv[0, [0, 3, 4, 7]]).all()
+    assert np.isfinite(uv[0, [1, 2, 5, 6]]).all()
+    assert np.isnan(box).all()
+    far, _ = projected(view(camera, at((0, 0))), world)
+    assert np.isfinite(far).all()
+
+
 def test_occlusion_by_a_car_that_drives_over() -> None:
     camera, first, second = viewmat(), NOBODY.copy(), NOBODY.copy()
     first[20:26, 10:20], second[20:26, 30:40] = 1, 1
@@ -187,7 +224,7 @@ def test_forty_thousand_instances_keep_their_ids() -> None:
 def test_nobody_and_nothing() -> None:
     counts, box = visible(NOBODY, np.empty(0, np.uint32))
     assert (len(counts), box.shape) == (0, (0, 4))
-    assert sample_times(0.0).tolist() == [0.0]
+    assert sample_times(np.zeros(1)).tolist() == [0.0]
     assert heterogeneity_in_space(np.full((2, 2), 4, np.uint8)) == 0.0
     assert heterogeneity_in_time(np.zeros((3, 2, 2), bool)) == 0.0
 
@@ -204,8 +241,25 @@ def test_labels_from_activity() -> None:
 
 def test_intervals_of_motion() -> None:
     times = np.arange(6) * 0.5
-    assert intervals(times, np.array([0, 1, 1, 0, 0, 1], bool)) == [(0.5, 1.5), (2.5, 2.5)]
-    assert intervals(times, np.zeros(6, bool)) == []
+    assert intervals(times, np.array([0, 1, 1, 0, 0, 1], bool), 3.0) == [(0.5, 1.5), (2.5, 3.0)]
+    assert intervals(times, np.array([1, 1, 1, 1, 1, 0], bool), 3.0) == [(0.0, 2.5)]
+    assert intervals(times, np.zeros(6, bool), 3.0) == []
+    assert intervals(np.zeros(1), np.ones(1, bool), 0.5) == [(0.0, 0.5)]
+
+
+@pytest.mark.parametrize("fps", [0.7, 7.3, 10.0, 24.0, 29.97, 60.0])
+def test_moving_and_its_intervals_agree_at_every_frame(fps: float) -> None:
+    """A car that stands for one frame, one that starts between two frames, and one that never stops."""
+    frames = np.arange(31) / fps
+    times = sample_times(frames)
+    assert np.isin(frames, times).all()
+    assert np.diff(times).max() <= 0.1 + 1e-9
+    assert np.diff(times).min() > 0
+    subjects = (np.abs(times - frames[1]) > 1e-3, times > frames[3] + 0.4 / fps, np.ones(len(times), bool),
+                times < frames[-1], times >= frames[-1])  # fmt: skip
+    for active in subjects:
+        runs = np.array(intervals(times, active, 31 / fps)).reshape(-1, 2)
+        np.testing.assert_array_equal(within(runs, frames), active[np.isin(times, frames)])
 
 
 def test_footprints_cover_what_stands_there() -> None:

@@ -15,7 +15,7 @@ from synth.errors import InputError
 from synth.files import write_json, write_npz
 from synth.truth import PASSES
 from synth.truth.recording import Recording
-from synth.verify import Row, check_files, check_flow, check_instances, check_reprojection, verify
+from synth.verify import Row, check_activity, check_files, check_flow, check_instances, check_reprojection, verify
 
 Command = Callable[[Sequence[object]], "subprocess.CompletedProcess[str]"]
 ROOT = Path(__file__).resolve().parents[2]
@@ -149,6 +149,15 @@ def test_a_wrong_mask_is_found(spoilt: Path) -> None:
 
     edit_arrays(spoilt, ["truth/flow/000000.npz"], invert)
     assert "validity of the flow" in failing(list(check_flow(Recording(spoilt), lambda: None)))
+
+
+def test_intervals_that_contradict_the_frames_are_found(spoilt: Path) -> None:
+    def shift(arrays: dict[str, np.ndarray]) -> None:
+        assert len(arrays["moving_interval"])
+        arrays["moving_interval"] = arrays["moving_interval"] + [0, 0.6, 0.6]
+
+    edit_arrays(spoilt, ["truth/activity.npz"], shift)
+    assert failing(list(check_activity(Recording(spoilt)))) == {"intervals of motion"}
 
 
 def test_paths_that_leave_the_folder_are_refused(spoilt: Path) -> None:
