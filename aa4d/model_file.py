@@ -17,7 +17,17 @@ from torch import Tensor
 
 from aa4d import __version__
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Capture, Frame, PinholeCamera, check_frames, frame_of_index, number_of, pinhole_camera
+from aa4d.capture.reader import (
+    FARTHEST_M,
+    Capture,
+    Frame,
+    PinholeCamera,
+    check_frames,
+    frame_of_index,
+    frame_rate,
+    number_of,
+    pinhole_camera,
+)
 from aa4d.errors import InputError
 from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.field.warping import CoordinateWarp
@@ -27,8 +37,11 @@ from aa4d.motion.groups import Groups, blank_groups
 from aa4d.motion.spline import FEWEST_CONTROLS
 
 MODEL_VERSION = 2  # the newest that is read; what no reader of version 1 would miss is still written as 1
+# docs/formats.md, "What readers refuse": the limits that the extension holds as well.
 LONGEST_NAME = 200  # characters, of a group's name
-LARGEST_SIZE = 4096  # of what the header's config counts
+LARGEST_SIZE = 4096  # of what the header's config counts, and of a layer
+UNIFORM_TOLERANCE = 1e-6  # of boundaries without DACW
+FARTHEST_MODEL_M = 2 * FARTHEST_M  # learning moves anchors on from points that a capture holds within `FARTHEST_M`
 
 
 @dataclass(frozen=True)
@@ -135,23 +148,25 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     except RuntimeError as error:
         reason = str(error).splitlines()[-1].strip()
         raise InputError(f"{path}: the tensors do not fit the header's configuration ({reason})") from None
-    if not config.dacw and not torch.equal(model.warp.boundaries, CoordinateWarp(config.bins).boundaries):
+    uneven = (model.warp.boundaries - CoordinateWarp(config.bins).boundaries).abs().max() > UNIFORM_TOLERANCE
+    if not config.dacw and uneven:
         raise InputError(f"{path}: the header says dacw false, but warp.boundaries are not uniform; train it again")
     try:
+        _check_places(model, _frame(header["model_to_world"]), path)
         return LoadedModel(
             path=path,
             model=model.to(device).eval(),
             frame=_frame(header["model_to_world"]),
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),
-            training_seconds=float(header["training"]["seconds"]),
+            training_seconds=_seconds(header["training"], path),
             capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
-            fps=number_of(header, "fps", path),
+            fps=frame_rate(header, path),
             camera=pinhole_camera(header, path),
             frames=_frames(header["frames"], path),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: the header is damaged ({error!r}); copy or train it again") from None
 
 
@@ -170,14 +185,17 @@ def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     try:
         header = json.loads(metadata["aa4d"])
         kind, version = header["format"], header["version"]
-    except (KeyError, TypeError, json.JSONDecodeError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         raise InputError(f"{path}: a safetensors file, but not an AdaAnchor4D model (no aa4d header)") from None
     if kind != "aa4d-model":
         raise InputError(f"{path}: the header says format {kind!r}, expected 'aa4d-model'")
-    if not isinstance(version, int) or version < 1:
+    if type(version) is not int or version < 1:
         raise InputError(f"{path}: model version {version!r} does not exist; copy or train it again")
     if version > MODEL_VERSION:
         raise InputError(f"{path}: model version {version} is newer than this aa4d reads ({MODEL_VERSION}); update")
+    for name, value in tensors.items():
+        if value.dtype != torch.float32:
+            raise InputError(f"{path}: tensor {name!r} is {value.dtype}, expected float32; train the model again")
     return header, tensors
 
 
@@ -188,7 +206,8 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
         if not isinstance(value, dict):
             raise TypeError("config is no object")
         for name in ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins"):
-            if not 1 <= int(value[name]) <= LARGEST_SIZE:  # a damaged one must not fill the memory
+            # A damaged one must not fill the memory.
+            if type(value[name]) is not int or not 1 <= value[name] <= LARGEST_SIZE:
                 raise ValueError(f"{name} is {value[name]}")
         aggregation = value.get("aggregation", "acfa")
         if aggregation not in AGGREGATIONS:
@@ -199,7 +218,9 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
         has_predictor = "acfa.hidden.bias" in tensors
         levels = range(int(value["levels"]))
         planes = [_tensor(tensors, f"field.planes.{level}.xt", path) for level in levels]
-        return ModelConfig(
+        if not len(_tensor(tensors, "anchors.position", path)):
+            raise InputError(f"{path}: holds no anchors; train the model again")
+        config = ModelConfig(
             offsets=int(value["offsets"]),
             feature_dim=int(value["feature_dim"]),
             embedding_dim=int(value["embedding_dim"]),
@@ -217,6 +238,10 @@ def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> M
             decoder_hidden=len(_tensor(tensors, "decoder_opacity.hidden.bias", path)),
             aggregation=aggregation,
         )
+        widths = config.weight_hidden, config.geometry_hidden, config.encoder_width, config.decoder_hidden
+        if max(widths) > LARGEST_SIZE:
+            raise ValueError(f"a layer is wider than {LARGEST_SIZE}")
+        return config
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: the header's config is wrong ({error!r}); train the model again") from None
 
@@ -228,7 +253,9 @@ def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> G
             raise InputError(f"{path}: version 1 knows no rigid groups, but the file holds some; train the model again")
         return None
     try:
-        names = tuple(group["name"][:LONGEST_NAME] for group in header["groups"])
+        names = tuple(group["name"] for group in header["groups"])
+        if not all(isinstance(name, str) and len(name) <= LONGEST_NAME for name in names):
+            raise TypeError(f"a name is not a text of at most {LONGEST_NAME} characters")
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: the header's groups are damaged ({error!r}); train the model again") from None
     position = _tensor(tensors, "groups.position", path)
@@ -266,7 +293,7 @@ def _switch(config: dict[str, Any], name: str, path: Path) -> bool:
 def _frame(value: Any) -> ModelFrame:
     """Raises ValueError for anything but a uniform scale and a translation."""
     frame = ModelFrame.from_matrix(np.array(value, np.float64).reshape(4, 4))
-    if not (frame.unit_m > 0 and np.array_equal(frame.matrix(), value)):
+    if not (frame.unit_m > 0 and np.isfinite(frame.matrix()).all() and np.array_equal(frame.matrix(), value)):
         raise ValueError("model_to_world is not a uniform scale and a translation")
     return frame
 
@@ -279,9 +306,30 @@ def _frames(value: Any, path: Path) -> tuple[Frame, ...]:
 
 def _background(value: Any) -> tuple[float, float, float]:
     red, green, blue = (float(component) for component in value)
-    if not np.isfinite([red, green, blue]).all():
-        raise ValueError("background is not finite")
+    if not all(0 <= component <= 1 for component in (red, green, blue)):
+        raise ValueError("background is outside [0, 1]")
     return red, green, blue
+
+
+def _seconds(training: dict[str, Any], path: Path) -> float:
+    seconds = number_of(training, "seconds", path, "training")
+    if seconds < 0:
+        raise ValueError("training.seconds is negative")
+    return seconds
+
+
+def _check_places(model: AdaAnchor4D, frame: ModelFrame, path: Path) -> None:
+    """The field's box and warp go forward, and nothing stands outside of a local world."""
+    if (model.field.box[1] < model.field.box[0]).any():
+        raise InputError(f"{path}: field.box has its upper corner below its lower corner; train the model again")
+    if (model.warp.boundaries.diff(dim=1) < 0).any():
+        raise InputError(f"{path}: warp.boundaries decrease along an axis; train the model again")
+    places = [model.anchors.position]
+    if model.groups is not None:
+        places += [model.groups.position.reshape(-1, 3), model.groups.reference[:, :3]]
+    reach = np.abs(torch.cat(places).detach().double().numpy() * frame.unit_m + frame.origin_m).max()
+    if reach > FARTHEST_MODEL_M:
+        raise InputError(f"{path}: places something {reach:.0f} m from the origin, over {FARTHEST_MODEL_M:g} m")
 
 
 def _tensor(tensors: dict[str, Tensor], name: str, path: Path) -> Tensor:
