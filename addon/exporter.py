@@ -10,7 +10,6 @@ import bpy
 import numpy as np
 
 from . import look_nodes, materials, modifiers, names, parts, points, snapshot, splat_ply, time_nodes
-from .container import Floats
 from .node_tree import Tree, versioned_group
 
 USD_KEYS = (names.POSITION, names.COLOR, names.OPACITY, names.RADIUS)
@@ -31,7 +30,7 @@ def export_ply(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
             now = snapshot.take(objects, context.evaluated_depsgraph_get())
             seen = now.seen
             target = path if len(frames) == 1 else path.with_name(f"{path.stem}_{frame:04}{path.suffix}")
-            colors = srgb(now.colors[seen, :3])
+            colors = splat_ply.srgb(now.colors[seen, :3])
             splat_ply.write_ply(
                 target, now.positions[seen], colors, now.opacity[seen], now.scales[seen], now.rotations[seen]
             )
@@ -57,7 +56,7 @@ def export_usd(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
             moments.append(snapshot.take(objects, context.evaluated_depsgraph_get()))
     seen = np.any([moment.seen for moment in moments], axis=0)
     cloud = _cloud(obj, context, moments, seen, frames[0])
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     kept = scene.frame_start, scene.frame_end
     try:
         scene.frame_start, scene.frame_end = frames[0], frames[-1]
@@ -153,9 +152,3 @@ def _with_shape(obj: bpy.types.Object) -> Iterator[None]:
     finally:
         if look is not None:
             modifiers.put(look, look_nodes.LOOK, kind)
-
-
-def srgb(linear: Floats) -> Floats:
-    """Linear values as sRGB ones (IEC 61966-2-1)."""
-    curved = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curved).astype(np.float32)

@@ -65,10 +65,9 @@ def write_capture(
             np.savez(temporary, frame=boxes.frame, target=boxes.target, box_px=boxes.box_px, category=boxes.category)
     near = (np.abs(cloud.positions) < FARTHEST_M).all(axis=1)
     _write_points(out / "points.ply", cloud.positions[near], cloud.colors[near])
-    _write_transforms(out / "transforms.json", camera, shots)
     _write_colmap(out / "sparse" / "0", camera, shots, cloud)
     first, last = shots[0].time_s, shots[-1].time_s
-    document = {
+    document: dict[str, Any] = {
         "format": "aa4d-capture",
         "version": CAPTURE_VERSION,
         "name": name,
@@ -92,6 +91,7 @@ def write_capture(
         ],
         "instances": [],
     }
+    write_json(out / "transforms.json", transforms(camera, document["frames"]))
     write_json(out / "capture.json", document)
 
 
@@ -139,28 +139,33 @@ def _write_points(path: Path, positions: Floats, colors: NDArray[np.uint8]) -> N
     for name, values in zip(("x", "y", "z", "red", "green", "blue"), (*positions.T, *colors.T), strict=True):
         vertex[name] = values
     with whole_file(path) as temporary:
-        PlyData([PlyElement.describe(vertex, "vertex")]).write(str(temporary))
+        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(temporary))
 
 
-def _write_transforms(path: Path, camera: PinholeCamera, shots: list[Shot]) -> None:
+def transforms(camera: PinholeCamera, frames: list[dict[str, Any]]) -> dict[str, Any]:
+    """The content of transforms.json, of the frames of capture.json (docs/formats.md)."""
     K = camera.K
-    document = {
-        "camera_model": "PINHOLE",
+    names = {split: [f["image"] for f in frames if f["split"] == split] for split in ("train", "test")}
+    return {
+        "camera_model": "OPENCV",
         "w": camera.width,
         "h": camera.height,
-        "fl_x": K[0, 0],
-        "fl_y": K[1, 1],
-        "cx": K[0, 2],
-        "cy": K[1, 2],
+        **dict(zip(("fl_x", "fl_y", "cx", "cy"), (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), strict=True)),
+        **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
+        "ply_file_path": "points.ply",
+        "applied_transform": np.eye(4)[:3].tolist(),
+        "train_filenames": names["train"],
+        "val_filenames": names["test"],
+        "test_filenames": names["test"],
         "frames": [
             {
-                "file_path": f"frames/{shot.name}.png",
-                "transform_matrix": (np.linalg.inv(shot.viewmat) @ OPENCV_TO_OPENGL).tolist(),
+                "file_path": frame["image"],
+                "transform_matrix": (np.linalg.inv(frame["viewmat"]) @ OPENCV_TO_OPENGL).tolist(),
+                "time": frame["t"],
             }
-            for shot in shots
+            for frame in frames
         ],
     }
-    write_json(path, document)
 
 
 def _write_colmap(folder: Path, camera: PinholeCamera, shots: list[Shot], cloud: Cloud) -> None:
