@@ -21,9 +21,9 @@ from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.files import make_folder, read_json_object, write_json
-from aa4d.model_file import copy_model
+from aa4d.methods.model_file import copy_model
+from aa4d.methods.settings import RunSettings
 from aa4d.report import write_report
-from aa4d.training.config import TrainingConfig
 from aa4d.training.trainer import Progress, train
 
 MakeTrainingProgress = Callable[[], AbstractContextManager[Progress]]
@@ -55,7 +55,7 @@ class Stage:
 def run_demo(
     scene: Path,
     out: Path,
-    config: TrainingConfig,
+    config: RunSettings,
     console: Console,
     training_progress: MakeTrainingProgress,
     step_progress: MakeStepProgress,
@@ -89,7 +89,7 @@ def run_demo(
 def stages(
     scene: Path,
     out: Path,
-    config: TrainingConfig,
+    config: RunSettings,
     record: Record,
     training_progress: MakeTrainingProgress,
     step_progress: MakeStepProgress,

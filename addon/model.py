@@ -18,6 +18,7 @@ from .names import PLANES
 Doubles = npt.NDArray[np.float64]
 
 VERSION = 2  # the newest that is read
+METHOD = "adaanchor4d"
 GROUPED = 2  # the first whose anchors ride on groups
 # What Phi_w sees in each aggregation that has weights: an embedding of the anchors, and whether the time.
 WEIGHTED: dict[str, tuple[str | None, bool]] = {
@@ -125,12 +126,18 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     version = information.get("version")
     if type(version) is not int or version < 1:
         raise ModelFileError(f"{path.name} has no usable version number in its aa4d metadata.")
+    if version > VERSION and isinstance(method := information.get("method"), str) and method != METHOD:
+        raise ModelFileError(
+            f"{path.name} is a model of {method[:40]!r}, and this add-on draws {METHOD} alone; export its track file "
+            "with aa4d export --format track."
+        )
     if version > VERSION:
         raise ModelFileError(
             f"{path.name} is a model file of version {version}, newer than version {VERSION} that this add-on reads; "
             "update the add-on."
         )
     try:
+        _require(information.get("method", METHOD) == METHOD, f"method must be {METHOD} before version {VERSION + 1}")
         static = {"coarse": True, "fine": False}[information["stage"]]
         config = _config(information["config"])
         scale, translation = _similarity(information["model_to_world"])
@@ -153,7 +160,7 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         raise ModelFileError(f"{path.name}: its aa4d metadata is not usable: {error}.") from error
     tensors = read_tensors(path, header.entries, _check_shapes(path.name, header.entries, config, group_names))
     groups = None if group_names is None else _groups(path.name, tensors, group_names)
-    _check_values(path.name, tensors, config, scale, translation)
+    _check_values(path.name, tensors, groups, config, scale, translation)
     return Model(
         path=path,
         static=static,
@@ -383,19 +390,28 @@ def _check_shapes(
 
 
 def _check_values(
-    file_name: str, tensors: Mapping[str, Floats], config: Config, scale: float, translation: Doubles
+    file_name: str,
+    tensors: Mapping[str, Floats],
+    groups: Groups | None,
+    config: Config,
+    scale: float,
+    translation: Doubles,
 ) -> None:
-    for what, name in (
-        ("an anchor", "anchors.position"),
-        ("a group", "groups.position"),
-        ("a group", "groups.reference"),
-    ):
-        places = tensors.get(name, np.empty((0, 3), np.float32))[..., :3].astype(np.float64)
-        farthest = float(np.abs(scale * places + translation).max(initial=0))
-        if farthest > FARTHEST_MODEL_M:
+    places = {"an anchor": tensors["anchors.position"].astype(np.float64)}
+    if groups is not None:
+        riders, places["a group"] = (
+            groups.riders,
+            np.concatenate([groups.control[..., :3].reshape(-1, 3), groups.reference[:, :3]]),
+        )
+        if len(riders):
+            member = groups.of_anchor[riders]
+            places["an anchor"][riders] = groups.at_reference().to_world(member, tensors["anchors.position"][riders])
+    for what, points in places.items():
+        farthest = float(np.abs(scale * points + translation).max(initial=0))
+        if not farthest <= FARTHEST_MODEL_M:
             raise ModelFileError(
-                f"{file_name} places {what} {farthest:.0f} m from the origin; a world is local, within "
-                f"{FARTHEST_MODEL_M:.0f} m."
+                f"{file_name} places {what} {farthest:.3g} m from the origin; a world is local, within "
+                f"{FARTHEST_MODEL_M:g} m."
             )
     box, boundaries = tensors["field.box"], tensors["warp.boundaries"]
     if not (box[1] >= box[0]).all():

@@ -18,8 +18,8 @@ from aa4d.capture.reader import read_capture
 from aa4d.demo import Record, Stage, check, summarise
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
+from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
 from aa4d.report import spread, write_report
-from aa4d.training.config import TrainingConfig
 from aa4d.training.trainer import train
 
 
@@ -117,7 +117,7 @@ def test_spread_prefers_frames_in_which_something_moves() -> None:
 
 
 def test_report_holds_its_pictures_and_figures(toy_capture: Path, tmp_path: Path) -> None:
-    config = TrainingConfig(preset="test", coarse_iterations=5, fine_iterations=5)
+    config = AdaAnchor4DSettings(preset="test", coarse_iterations=5, fine_iterations=5)
     capture = read_capture(toy_capture)
     train(capture, tmp_path / "run", config, silent)
     metrics = evaluate(tmp_path / "run", None, silent).as_json()

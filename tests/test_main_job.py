@@ -17,11 +17,12 @@ from rich.console import Console
 
 from aa4d import demo
 from aa4d.demo import run_demo
-from aa4d.training.config import MotionSettings, TrainingConfig
+from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
+from aa4d.methods.settings import MotionSettings
 
 SCENE = Path(__file__).parent.parent / "scenes/crossroads.toml"
 MOTION = MotionSettings(clean_iterations=10)
-CONFIG = TrainingConfig(preset="test", coarse_iterations=20, fine_iterations=20, motion=MOTION)
+CONFIG = AdaAnchor4DSettings(preset="test", coarse_iterations=20, fine_iterations=20, motion=MOTION)
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="the bpy module is not installed")
 

@@ -13,7 +13,8 @@ import aa4d.export.splat_ply
 import aa4d.export.usd_points
 import aa4d.files
 import aa4d.kernels.plane_lookup
-import aa4d.model_file
+import aa4d.methods.adaanchor4d.files
+import aa4d.methods.model_file
 import addon.activity
 import addon.carriers
 import addon.groups
@@ -30,7 +31,7 @@ import synth.truth.activity
 from aa4d.capture import reader
 from aa4d.capture.reader import PinholeCamera
 from aa4d.capture.sources.posed import read_transforms
-from aa4d.field.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
 from aa4d.motion.spline import FEWEST_CONTROLS
 from synth.spec import Scene, Time, read_scene
 
@@ -42,17 +43,17 @@ def test_names_are_the_same() -> None:
     assert aa4d.kernels.plane_lookup.PLANES == addon.model.PLANES
     assert set(AGGREGATIONS) == set(addon.model.AGGREGATIONS)
     assert synth.files.TEMPORARY_SUFFIX == aa4d.files.UNFINISHED == ".part"
-    assert aa4d.model_file.MODEL_VERSION == addon.model.VERSION
+    assert aa4d.methods.DEFAULT == addon.model.METHOD
 
 
 def test_limits_are_the_same() -> None:
     assert reader.FARTHEST_M == synth.flight.keys.WORLD_M == synth.traffic.tracks.FARTHEST_M == addon.model.FARTHEST_M
-    assert aa4d.model_file.FARTHEST_MODEL_M == addon.model.FARTHEST_MODEL_M
+    assert aa4d.methods.model_file.FARTHEST_MODEL_M == addon.model.FARTHEST_MODEL_M
     assert (reader.MOST_PX, reader.LARGEST_K) == (addon.model.MOST_PX, addon.model.LARGEST_K)
     assert reader.FASTEST_FPS == addon.model.FASTEST_FPS
-    assert reader.LONGEST_NAME == aa4d.model_file.LONGEST_NAME == addon.model.LONGEST_NAME
-    assert aa4d.model_file.LARGEST_SIZE == addon.model.WIDEST
-    assert aa4d.model_file.UNIFORM_TOLERANCE == addon.model.UNIFORM_TOLERANCE
+    assert reader.LONGEST_NAME == aa4d.methods.model_file.LONGEST_NAME == addon.model.LONGEST_NAME
+    assert aa4d.methods.adaanchor4d.files.LARGEST_SIZE == addon.model.WIDEST
+    assert aa4d.methods.adaanchor4d.files.UNIFORM_TOLERANCE == addon.model.UNIFORM_TOLERANCE
     assert FEWEST_CONTROLS == addon.groups.FEWEST_CONTROLS
     assert aa4d.export.clip.FAINTEST == addon.splat_ply.FAINTEST
     assert aa4d.capture.writing.HELD_OUT_EVERY == synth.plan.TEST_EVERY

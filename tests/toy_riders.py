@@ -2,7 +2,7 @@
 
 import torch
 
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 from aa4d.motion.groups import Groups
 from aa4d.motion.tracks import ALWAYS
 from tests.toy_capture import square_centre

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from aa4d.capture.reader import read_capture
-from aa4d.training.config import PRESETS, Densification, TrainingConfig
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings, Densification
 from aa4d.training.trainer import train
 from tests.toy_capture import write_toy_capture
 
-BRIEF = TrainingConfig(
+BRIEF = AdaAnchor4DSettings(
     preset="test",
     coarse_iterations=20,
     fine_iterations=20,

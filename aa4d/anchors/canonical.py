@@ -48,6 +48,20 @@ class Anchors(nn.Module):
     def __len__(self) -> int:
         return len(self.position)
 
+    def more(self, position: Tensor, log_scale: Tensor, embedding_std: float) -> Anchors:
+        """Other anchors [M] that own the same, at the start: positions [M, 3], log scales [M, 6]."""
+        owned = [name for name in EMBEDDINGS if getattr(self, name) is not None]
+        width = getattr(self, owned[0]).shape[1] if owned else 0
+        return Anchors(
+            position,
+            log_scale,
+            self.offset.shape[1],
+            self.feature.shape[1],
+            width,
+            embeddings=tuple(owned),
+            embedding_std=embedding_std,
+        )
+
     def rows(self, index: Tensor | None = None) -> AnchorRows:
         """All anchors, or those at `index` [M]."""
         owned = {field.name: getattr(self, field.name) for field in fields(AnchorRows)}

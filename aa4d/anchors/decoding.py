@@ -32,14 +32,14 @@ class Decoder(nn.Module):
         self.color = TwoLayer(feature_dim + 3, hidden, 3 * offsets)
         self.covariance = TwoLayer(feature_dim + 3, hidden, 7 * offsets)
 
-    def forward(self, state: AnchorState, camera_centre: Tensor) -> Gaussians:
+    def forward(self, state: AnchorState, camera_center: Tensor) -> Gaussians:
         """N anchors -> N * K Gaussians, those of an anchor together; an opacity of zero means "not drawn".
 
         Args:
-            camera_centre: [3] model frame.
+            camera_center: [3] model frame.
         """
         # F.normalize keeps an anchor at the camera's very centre finite: its direction becomes zero.
-        direction = F.normalize(state.position - camera_centre, dim=1)
+        direction = F.normalize(state.position - camera_center, dim=1)
         view = torch.cat([state.feature, direction], dim=1)
         decoded = evaluate_together((self.opacity, self.color, self.covariance), view)
         return local_gaussians(state.position, state.offset, state.scale, *decoded)

@@ -24,14 +24,18 @@ class Statistics:
         one, each = torch.zeros(anchors, device=device), torch.zeros(anchors, offsets, device=device)
         return Statistics(one, one.clone(), each, each.clone())
 
-    def add(self, visible: Tensor, gaussians: Gaussians, rendering: Rendering) -> None:
-        """After the backward pass of one image, in which the anchors `visible` [M] were rendered."""
+    def add(self, visible: Tensor, gaussians: Gaussians, rendering: Rendering, views: int = 1) -> None:
+        """After the backward pass of an image, in which the anchors `visible` [M] were rendered.
+
+        Args:
+            views: of whose losses the mean was differentiated: the gradient counts as that of the view's own loss.
+        """
         shape = (len(visible), self.drawn.shape[1])
         drawn = (rendering.radii > 0).view(shape)
         self.seen[visible] += 1
         self.opacity[visible] += gaussians.opacities.detach().view(shape).sum(1)
         self.drawn[visible] += drawn
-        self.gradient[visible] += torch.where(drawn, rendering.screen_gradient.view(shape), 0)
+        self.gradient[visible] += torch.where(drawn, views * rendering.screen_gradient.view(shape), 0)
 
     def forget_judged(self, *, min_seen: float, min_drawn: float) -> None:
         """Begin anew where a statistic has just been judged; rarely seen anchors go on gathering theirs."""

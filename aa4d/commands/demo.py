@@ -17,6 +17,7 @@ def demo(
 ) -> None:
     """The main job: render a scene, train, evaluate, show the result in Blender. Continues where it stopped."""
     from aa4d.demo import run_demo
-    from aa4d.training.config import PRESETS, MotionSettings
+    from aa4d.methods.adaanchor4d.settings import PRESETS
+    from aa4d.methods.settings import MotionSettings
 
     run_demo(scene, out, replace(PRESETS["quick"], motion=MotionSettings()), console, training_progress, step_progress)

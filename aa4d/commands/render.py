@@ -47,7 +47,7 @@ def render(
     from aa4d.filming.camera_path import named_path
     from aa4d.filming.film import film
     from aa4d.filming.layers import LAYERS
-    from aa4d.model_file import load_model
+    from aa4d.methods.model_file import load_model
 
     if not layers:
         raise InputError("--layers: name at least one")

@@ -53,12 +53,14 @@ def train(
 ) -> None:
     """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
     from aa4d.capture.reader import read_capture
-    from aa4d.training.config import PRESETS, MotionSettings, with_iterations
+    from aa4d.methods.adaanchor4d.settings import PRESETS
+    from aa4d.methods.settings import MotionSettings, with_iterations
     from aa4d.training.trainer import train as run_training
 
     if not 0 <= seed < LARGEST_SEED:
         raise InputError(f"--seed {seed}: must be from 0 to {LARGEST_SEED - 1}")
     config = replace(PRESETS[preset], seed=seed, refine_poses=refine_poses)
+    config = replace(config, model=replace(config.model, dlgd=dlgd, dacw=dacw))
     if motion == "none" and tracks != "auto":
         raise InputError(f"--tracks {tracks} belongs to --motion tracks; leave it out, or leave out --motion none")
     if motion == "tracks":
@@ -73,7 +75,6 @@ def train(
             out,
             config,
             progress,
-            variant={"dlgd": dlgd, "dacw": dacw},
             device=device,
             tensorboard=tensorboard,
             say=lambda sentence: console.print(sentence, highlight=False, soft_wrap=True),

@@ -9,11 +9,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from aa4d.anchors.visibility import in_view
 from aa4d.capture.reader import Capture
 from aa4d.evaluation.views import view_of_frame
 from aa4d.filming.layers import NOTHING
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 from aa4d.raster import rasterize
 from aa4d.raster.types import Camera
 
@@ -38,7 +37,7 @@ def drawn_motion(loaded: LoadedModel, capture: Capture, start: int, end: int) ->
     t, camera, background = view_of_frame(loaded, capture, start)
     t_end, camera_end, _ = view_of_frame(loaded, capture, end)
     with torch.no_grad():
-        visible = in_view(model.resting(t), camera, model.present(t))
+        visible = model.visible(t, camera)
         now = model.gaussians(t, camera, visible)
         then = model.gaussians(t_end, camera_end, visible)
         moved = _project(then.means, camera_end) - _project(now.means, camera)

@@ -27,7 +27,7 @@ from aa4d.evaluation.plots import plot_psnr
 from aa4d.evaluation.speed import TIMED_FRAMES, WARM_UP_FRAMES, measure_speed, neural_mib
 from aa4d.evaluation.views import render_frame
 from aa4d.files import make_folder, whole_file, write_json
-from aa4d.model_file import LoadedModel, load_model
+from aa4d.methods.model_file import LoadedModel, load_model
 from aa4d.motion.score import score_tracks
 from aa4d.motion.tracks_file import load_tracks, tracks_path
 
@@ -94,7 +94,7 @@ class Metrics:
     device: str  # "cpu" or "cuda", of fps
     threads: int
     training_seconds: float
-    anchors: int
+    anchors: int  # or free Gaussians: units that grow and go
     gaussians: int  # mean number with a positive opacity over the timed frames
     neural_mib: float  # networks and planes
     total_mib: float  # the model file
@@ -193,7 +193,7 @@ def evaluate(
         device=chosen.type,
         threads=torch.get_num_threads(),
         training_seconds=loaded.training_seconds,
-        anchors=len(loaded.model.anchors),
+        anchors=len(loaded.model),
         gaussians=speed.gaussians,
         neural_mib=neural_mib(loaded.model),
         total_mib=loaded.path.stat().st_size / 2**20,

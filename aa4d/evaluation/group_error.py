@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from aa4d.capture.reader import Capture
 from aa4d.evaluation.true_motion import TrueTracks
 from aa4d.evaluation.views import view_of_frame
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
+from aa4d.methods.rendering import render
 from aa4d.motion.groups import Groups
-from aa4d.rendering import render
 
 MATCHED_ON = 16  # training frames at most, evenly over the clip
 AT_ONCE = 32  # groups drawn in one pass: what the rasteriser takes
@@ -68,14 +68,14 @@ def match_frames(capture: Capture) -> list[int]:
 
 def _shares(loaded: LoadedModel, capture: Capture, index: int, groups: range) -> NDArray[np.float32]:
     """[g, H, W] the part of each pixel's colour that comes from each of `groups`, the background counted."""
-    member = loaded.model.anchors.group
+    member = loaded.model.group
     assert member is not None
     wanted = torch.arange(groups.start, groups.stop, device=member.device)
     with torch.no_grad():
         drawn = render(
             loaded.model,
             *view_of_frame(loaded, capture, index),
-            anchor_features=(member[:, None] == wanted).float(),
+            unit_features=(member[:, None] == wanted).float(),
         ).rendering
     assert drawn.features is not None
     return drawn.features.permute(2, 0, 1).cpu().numpy()

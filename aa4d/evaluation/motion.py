@@ -15,7 +15,7 @@ from aa4d.evaluation.flow_agreement import optical_flow
 from aa4d.evaluation.group_error import FEWEST_PX, GroupError, group_error, group_pixels, match_frames
 from aa4d.evaluation.motion_picture import motion_picture
 from aa4d.evaluation.true_motion import TrueMotion, TrueTracks, instances_of, read_true_tracks, true_motion
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 
 SHORTEST_PATH_PX = 5.0  # over the clip, in the picture: what travels less has no ratio worth a name
 

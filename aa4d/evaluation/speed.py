@@ -10,9 +10,9 @@ import torch
 
 from aa4d.capture.reader import Capture
 from aa4d.evaluation.views import view_of_frame
-from aa4d.model import AdaAnchor4D
-from aa4d.model_file import LoadedModel
-from aa4d.rendering import render
+from aa4d.methods.model_file import LoadedModel
+from aa4d.methods.rendering import render
+from aa4d.methods.scene_model import SceneModel
 
 WARM_UP_FRAMES = 5
 TIMED_FRAMES = 50
@@ -45,11 +45,11 @@ def measure_speed(loaded: LoadedModel, capture: Capture) -> Speed:
     return Speed(1 / statistics.median(seconds), round(statistics.fmean(drawn)))
 
 
-def _wait_for_device(model: AdaAnchor4D) -> None:
-    if model.anchors.position.is_cuda:
-        torch.cuda.synchronize(model.anchors.position.device)
+def _wait_for_device(model: SceneModel) -> None:
+    if model.device.type == "cuda":
+        torch.cuda.synchronize(model.device)
 
 
-def neural_mib(model: AdaAnchor4D) -> float:
-    """Networks and planes, without what anchors own, in MiB: the paper's "neural size"."""
-    return sum(value.numel() * value.element_size() for value in model.networks_and_planes()) / 2**20
+def neural_mib(model: SceneModel) -> float:
+    """Networks and planes, without what units own, in MiB: the paper's "neural size"."""
+    return sum(value.numel() * value.element_size() for value in model.shared_tensors()) / 2**20

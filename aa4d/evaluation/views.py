@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from aa4d.capture.reader import Capture
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
+from aa4d.methods.rendering import render
 from aa4d.raster.types import Camera
-from aa4d.rendering import render
 
 
 def view_of_frame(loaded: LoadedModel, capture: Capture, index: int) -> tuple[float | None, Camera, Tensor]:
     """Time, camera and background, as `render` takes them, where the model is; its own pose, which may be refined."""
     c, frame = capture.camera, loaded.frames[index]
-    device = loaded.model.anchors.position.device
+    device = loaded.model.device
     camera = loaded.frame.camera(frame.viewmat, c.K, c.width, c.height, device)
     return None if loaded.is_static else frame.t, camera, torch.tensor(loaded.background, device=device)
 

@@ -14,7 +14,8 @@ from aa4d.errors import InputError
 from aa4d.experiments.runner import run_experiment, trials_of
 from aa4d.experiments.tables import cells, columns_of, headings, lines_of
 from aa4d.experiments.variants import Experiment
-from aa4d.training.config import PRESETS, MotionSettings, with_iterations
+from aa4d.methods.adaanchor4d.settings import PRESETS
+from aa4d.methods.settings import MotionSettings, with_iterations
 
 WIDTH = 120
 

@@ -24,7 +24,8 @@ from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import PoseError, in_other_world, inverse, pose_error
 from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.files import make_folder, read_json_object, write_json
-from aa4d.training.config import PRESETS, TrainingConfig, with_iterations
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
+from aa4d.methods.settings import with_iterations
 
 Floats = NDArray[np.float64]
 
@@ -55,9 +56,9 @@ def _moved(viewmat: Floats, turn: Floats, shift: Floats) -> Floats:
     return moved
 
 
-def measure(truth: Capture, given: Capture, config: TrainingConfig, out: Path) -> dict[str, Any]:
+def measure(truth: Capture, given: Capture, config: AdaAnchor4DSettings, out: Path) -> dict[str, Any]:
     """Train on `given`, compare with `truth`; takes the result that is there."""
-    from aa4d.model_file import load_model
+    from aa4d.methods.model_file import load_model
     from aa4d.training.trainer import train
 
     result = out / "result.json"
@@ -86,7 +87,7 @@ def held_out_psnr(truth: Capture, loaded: Any, error: PoseError) -> float:
     import torch
 
     from aa4d.evaluation.image_metrics import psnr
-    from aa4d.rendering import render
+    from aa4d.methods.rendering import render
 
     c = truth.camera
     found = []

@@ -14,8 +14,8 @@ from aa4d.errors import InputError, Interrupted
 from aa4d.experiments.tables import write_tables
 from aa4d.experiments.trial import Row, Trial, finished_row, stop, trial_process
 from aa4d.experiments.variants import Experiment
+from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
 from aa4d.output_folder import claim_folder
-from aa4d.training.config import TrainingConfig
 
 INDEX = "experiment.json"
 
@@ -30,7 +30,7 @@ class Watcher(Protocol):
 
 
 def trials_of(
-    experiment: Experiment, captures: Iterable[Path], out: Path, config: TrainingConfig, seeds: int
+    experiment: Experiment, captures: Iterable[Path], out: Path, settings: AdaAnchor4DSettings, seeds: int
 ) -> list[Trial]:
     """Seed by seed, so that a table of what is done so far compares like with like.
 
@@ -47,8 +47,7 @@ def trials_of(
             capture=folder.resolve(),
             label=variant.label,
             seed=seed,
-            config=replace(variant.config(config), seed=seed),
-            model=variant.model,
+            settings=replace(variant.settings(settings), seed=seed),
             out=out / folder.resolve().name / variant.label.replace(" ", "-") / f"seed{seed}",
         )
         for seed in range(seeds)

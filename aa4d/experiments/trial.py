@@ -13,7 +13,8 @@ from typing import Any
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import read_json_object, write_json
-from aa4d.training.config import TrainingConfig
+from aa4d.methods.settings import RunSettings
+from aa4d.training.schedule import schedule_of
 
 Row = dict[str, float | str]
 RESULT = "trial.json"
@@ -25,13 +26,12 @@ class Trial:
     capture: Path
     label: str
     seed: int
-    config: TrainingConfig
-    model: dict[str, Any]  # settings of ModelConfig
+    settings: RunSettings
     out: Path  # the run's folder
 
     @property
     def iterations(self) -> int:
-        return self.config.total_iterations
+        return schedule_of(self.settings).total
 
     @property
     def name(self) -> str:
@@ -45,10 +45,10 @@ def finished_row(trial: Trial) -> Row | None:
         InputError: the folder holds a run of another capture or with other settings.
     """
     from aa4d.training.run_folder import check_folder
-    from aa4d.training.trainer import model_config_of, settings_of
+    from aa4d.training.trainer import description_of
 
     capture = read_capture(trial.capture)
-    check_folder(trial.out, settings_of(capture, trial.config, model_config_of(capture, trial.model)))
+    check_folder(trial.out, description_of(capture, trial.settings))
     result = trial.out / RESULT
     return read_json_object(result, "the result of a trial") if result.exists() else None
 
@@ -58,11 +58,13 @@ def run_trial(trial: Trial, progress: Callable[[int], None]) -> Row:
     from aa4d.evaluation.evaluate import evaluate
     from aa4d.training.trainer import train
 
+    schedule = schedule_of(trial.settings)
+
     def tell(stage: str, iteration: int, *_: object) -> None:
         if iteration % REPORT_EVERY == 0:
-            progress(trial.config.iterations_before(stage) + iteration)
+            progress(schedule.iterations_before(stage) + iteration)
 
-    train(read_capture(trial.capture), trial.out, trial.config, tell, variant=trial.model)
+    train(read_capture(trial.capture), trial.out, trial.settings, tell)
     metrics = evaluate(trial.out, trial.capture, lambda *_: None).as_json()
     row: Row = {"capture": trial.capture.name, "variant": trial.label, "seed": trial.seed, **numbers(metrics)}
     write_json(trial.out / RESULT, row)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from aa4d.training.config import MotionSettings, TrainingConfig
+from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
+from aa4d.methods.settings import MotionSettings
 
 
 @dataclass(frozen=True)
@@ -15,10 +16,11 @@ class Variant:
     label: str
     model: dict[str, Any] = field(default_factory=dict)  # of ModelConfig
     warp: dict[str, Any] = field(default_factory=dict)  # of WarpSettings
-    training: dict[str, Any] = field(default_factory=dict)  # of TrainingConfig
+    training: dict[str, Any] = field(default_factory=dict)  # of the whole settings
 
-    def config(self, base: TrainingConfig) -> TrainingConfig:
-        return replace(base, warp=replace(base.warp, **self.warp), **self.training)
+    def settings(self, base: AdaAnchor4DSettings) -> AdaAnchor4DSettings:
+        model, warp = replace(base.model, **self.model), replace(base.warp, **self.warp)
+        return replace(base, model=model, warp=warp, **self.training)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from aa4d.filming.camera_path import CameraPath
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 from aa4d.raster.types import Gaussians
 
 FAINTEST = 1 / 255  # opacity below which no rasteriser draws a Gaussian: left out
@@ -101,22 +101,21 @@ def world_gaussians(loaded: LoadedModel, t: float, eye_m: Array) -> WorldGaussia
     Those of a group that is not there at t have no opacity, so they are not among them. The model's frame is a uniform
     scale and a translation of the world: scales follow it, rotations do not change.
     """
-    frame, member = loaded.frame, loaded.model.anchors.group
+    frame, member = loaded.frame, loaded.model.group
     decoded = _decoded(loaded, t, eye_m)
     opacities = decoded.opacities.double().numpy()
     drawn = np.flatnonzero(opacities >= FAINTEST)
     quaternions = decoded.quaternions.double().numpy()[drawn]
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     quaternions = np.where(length > 1e-12, quaternions / np.maximum(length, 1e-12), [1.0, 0.0, 0.0, 0.0])
-    offsets = loaded.model.anchors.offset.shape[1]
     return WorldGaussians(
         ids=drawn,
         means=decoded.means.double().numpy()[drawn] * frame.unit_m + frame.origin_m,
         quaternions=np.where(quaternions[:, :1] < 0, -quaternions, quaternions),
         scales=decoded.scales.double().numpy()[drawn] * frame.unit_m,
         opacities=opacities[drawn],
-        colors=decoded.colors.double().numpy()[drawn],
-        group=None if member is None else member.numpy()[drawn // offsets].astype(np.int32),
+        colors=decoded.colors.clamp(0, 1).double().numpy()[drawn],  # harmonics may exceed 1
+        group=None if member is None else member.numpy()[drawn // loaded.model.per_unit].astype(np.int32),
     )
 
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from aa4d.capture.reader import PinholeCamera, check_name, matrix_of, number_of, pinhole_camera, pose_of
 from aa4d.errors import InputError
 from aa4d.files import read_json_object
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 
 PATH_VERSION = 1
 MOST_VIEWS = 100_000  # a slip of the keyboard should not fill the memory

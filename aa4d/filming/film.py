@@ -17,7 +17,7 @@ from aa4d.files import whole_file, write_json
 from aa4d.filming.camera_path import CameraPath
 from aa4d.filming.layers import LAYERS, colored, draw, scale_of
 from aa4d.filming.video import write_video
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 from aa4d.output_folder import claim_folder, digest_of
 
 INDEX = "render.json"

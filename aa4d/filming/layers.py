@@ -15,13 +15,13 @@ from torch import Tensor
 
 from aa4d.capture.reader import PinholeCamera
 from aa4d.errors import InputError
-from aa4d.field.aggregation import Weighted
 from aa4d.field.planes import PLANES
 from aa4d.filming.camera_path import View
-from aa4d.model import AdaAnchor4D
-from aa4d.model_file import LoadedModel
+from aa4d.methods.capabilities import WeighsPlanes
+from aa4d.methods.model_file import LoadedModel
+from aa4d.methods.rendering import render
+from aa4d.methods.scene_model import SceneModel
 from aa4d.raster.types import Output, Rendering
-from aa4d.rendering import render
 
 LayerName = Literal["color", "depth", "alpha", "activity", "motion", "speed", "movers"]
 SPATIOTEMPORAL = [p for p, plane in enumerate(PLANES) if plane[1] == "t"]
@@ -50,18 +50,15 @@ def spatiotemporal_share(loaded: LoadedModel, t: float | None) -> Tensor:
     Raises:
         InputError: a model whose aggregation has no weights.
     """
-    weights = None if t is None else aggregation_weights(loaded.model, t)
+    weights = None if t is None else plane_weights(loaded.model, t)
     if weights is None:
         raise InputError(f"{loaded.path}: has no aggregation weights, so no activity to show; choose the layer motion")
     return weights[:, SPATIOTEMPORAL].sum(1)
 
 
-def aggregation_weights(model: AdaAnchor4D, t: float) -> Tensor | None:
-    """[N, 6] weights over the planes, mean over channels; None where the model's aggregation has none."""
-    if not isinstance(model.aggregation, Weighted):
-        return None
-    with torch.no_grad():
-        return model.aggregation.weights(model.anchors.rows().embedding_acfa, t).mean(2)
+def plane_weights(model: SceneModel, t: float) -> Tensor | None:
+    """[N, 6] weights over the planes, mean over channels; None for a model that weighs none."""
+    return model.plane_weights(t) if isinstance(model, WeighsPlanes) else None
 
 
 def displacement_m(loaded: LoadedModel, t: float | None) -> Tensor:
@@ -70,7 +67,7 @@ def displacement_m(loaded: LoadedModel, t: float | None) -> Tensor:
     Of an anchor that rides on a group, the canonical place is where the group's reference pose puts it.
     """
     with torch.no_grad():
-        moved = loaded.model.centres(t) - loaded.model.centres(None)
+        moved = loaded.model.centers(t) - loaded.model.centers(None)
     return moved.norm(dim=1) * loaded.frame.unit_m
 
 
@@ -78,10 +75,10 @@ def speed_mps(loaded: LoadedModel, t: float | None) -> Tensor:
     """[N] how fast each anchor's centre moves at time t, in metres a second: over half a frame to each side of it."""
     frames = len(loaded.frames) - 1
     if t is None or frames < 1:
-        return torch.zeros(len(loaded.model.anchors), device=loaded.model.anchors.position.device)
+        return torch.zeros(len(loaded.model), device=loaded.model.device)
     before, after = max(t - 0.5 / frames, 0.0), min(t + 0.5 / frames, 1.0)
     with torch.no_grad():
-        moved = loaded.model.centres(after) - loaded.model.centres(before)
+        moved = loaded.model.centers(after) - loaded.model.centers(before)
     return moved.norm(dim=1) * (loaded.frame.unit_m * loaded.fps / (frames * (after - before)))
 
 
@@ -91,7 +88,7 @@ def mover_colors(loaded: LoadedModel) -> Tensor:
     Raises:
         InputError: a model without groups.
     """
-    groups, group = loaded.model.groups, loaded.model.anchors.group
+    groups, group = loaded.model.groups, loaded.model.group
     if groups is None or group is None:
         raise InputError(f"{loaded.path}: has no rigid groups, so no movers to show; choose the layer motion")
     palette = torch.tensor([group_color(g) for g in range(len(groups))] + [WORLD_GRAY], device=group.device)
@@ -160,7 +157,7 @@ def draw(loaded: LoadedModel, view: View, pinhole: PinholeCamera, names: list[st
             camera,
             torch.tensor(loaded.background),
             outputs=outputs,
-            anchor_features=torch.cat(list(painted.values()), dim=1) if painted else None,
+            unit_features=torch.cat(list(painted.values()), dim=1) if painted else None,
         ).rendering
         shown = rendering.alpha >= NOTHING
         for name, layer in layers.items():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from aa4d.capture.reader import Capture, depth_of, moving_mask
 from aa4d.filming.layers import displacement_m
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 
 DYNAMIC_SHARE = 0.2  # of the frames that see an anchor: on a moving pixel in so many, it is dynamic
 BEHIND_M = 1.0  # farther behind the depth of its pixel, an anchor is hidden
@@ -29,14 +29,14 @@ class MotionGroups:
 def groups_by_truth(loaded: LoadedModel, capture: Capture) -> MotionGroups | None:
     """By the pixels that the anchors' moving centres fall on in every frame; None where no frame has truth."""
     model, camera = loaded.model, capture.camera
-    n = len(model.anchors)
+    n = len(model)
     seen, moving = np.zeros(n, np.int64), np.zeros(n, np.int64)
     for index, frame in enumerate(capture.frames):
         mask, depth = moving_mask(capture, index), depth_of(capture, index)
         if mask is None or depth is None:
             continue
         with torch.no_grad():
-            position, present = model.centres(frame.t).double().numpy(), model.present(frame.t)
+            position, present = model.centers(frame.t).double().numpy(), model.present(frame.t)
         world = position * loaded.frame.unit_m + loaded.frame.origin_m
         in_camera = world @ frame.viewmat[:3, :3].T + frame.viewmat[:3, 3]
         front = np.flatnonzero((in_camera[:, 2] > 0) & (True if present is None else present.numpy()))

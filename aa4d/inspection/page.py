@@ -25,7 +25,7 @@ from aa4d.inspection.motion_groups import groups_by_motion, groups_by_truth
 from aa4d.inspection.trajectories import map_figure, over_frame_figure, trajectories
 from aa4d.inspection.warp import stretch, warp_figure
 from aa4d.inspection.weights import planes_figure, summary, weights_figure, weights_over_time
-from aa4d.model_file import LoadedModel, load_model
+from aa4d.methods.model_file import LoadedModel, load_model
 from aa4d.output_folder import claim_folder
 
 PAINTED_FRAMES = 2
@@ -93,10 +93,11 @@ def inspect(
     progress(3, steps)
     ways = _trajectories(loaded, capture, pictures)
     progress(4, steps)
+    warp = warp_figure(loaded, coarse)
     context: dict[str, Any] = {
         "name": run.resolve().name,
-        "anchors": len(loaded.model.anchors),
-        "coarse_anchors": None if coarse is None else len(coarse.model.anchors),
+        "anchors": len(loaded.model),
+        "coarse_anchors": None if coarse is None else len(coarse.model),
         "rule": groups.rule,
         "summary": None if weights is None else summary(weights),
         "weights": None if weights is None else pictures.figure("weights_over_time", weights_figure(weights)),
@@ -105,7 +106,7 @@ def inspect(
         "scales": scales,
         "groups": None if loaded.model.groups is None else len(loaded.model.groups),
         "trajectories": ways,
-        "warp": pictures.figure("warp", warp_figure(loaded, coarse)),
+        "warp": None if warp is None else pictures.figure("warp", warp),
         "stretch": stretch(loaded),
         "history": None if history is None else pictures.figure("history", history_figure(history)),
     }

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from aa4d.filming.layers import group_color
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 
 SAMPLED_TIMES = 97  # of groups
 ANCHOR_TIMES = 25  # of anchors, each of which decodes the field
@@ -58,7 +58,7 @@ def _of_groups(loaded: LoadedModel) -> list[Trajectory]:
 def _of_anchors(loaded: LoadedModel) -> list[Trajectory]:
     times = np.linspace(0, 1, ANCHOR_TIMES)
     with torch.no_grad():
-        centres = torch.stack([loaded.model.centres(float(t)) for t in times]).double().numpy()  # [S, N, 3]
+        centres = torch.stack([loaded.model.centers(float(t)) for t in times]).double().numpy()  # [S, N, 3]
     travelled = np.linalg.norm(np.diff(centres, axis=0), axis=2).sum(axis=0)
     chosen = np.argsort(-travelled, kind="stable")[:FARTHEST_ANCHORS]
     world = centres[:, chosen] * loaded.frame.unit_m + loaded.frame.origin_m
@@ -92,7 +92,7 @@ def map_figure(loaded: LoadedModel, paths: list[Trajectory]) -> Figure:
     """From above, metres: paths from their start (ring) to their end (square), headings, cameras, still anchors."""
     figure = Figure(figsize=(8, 7), layout="constrained")
     axes = figure.add_subplot()
-    member = loaded.model.anchors.group
+    member = loaded.model.group
     with torch.no_grad():
         still = loaded.model.resting(None).double().numpy() * loaded.frame.unit_m + loaded.frame.origin_m
     if member is not None:
@@ -145,13 +145,13 @@ def _annotate(axes: Axes, path: Trajectory, at: Array, size: tuple[int, int]) ->
 
 def _dots(loaded: LoadedModel, index: int, axes: Axes) -> None:
     """The anchors that ride, each in its group's colour, at the time of the frame."""
-    member, t = loaded.model.anchors.group, loaded.frames[index].t
+    member, t = loaded.model.group, loaded.frames[index].t
     present = loaded.model.present(t)
     if member is None or present is None:
         return
     riders = ((member >= 0) & present).nonzero()[:, 0]
     riders = riders[:: max(len(riders) // DOTS, 1)]
     with torch.no_grad():
-        centres = loaded.model.centres(t)[riders].double().numpy()
+        centres = loaded.model.centers(t)[riders].double().numpy()
     pixels = _pixels(loaded, index, centres * loaded.frame.unit_m + loaded.frame.origin_m)
     axes.scatter(pixels[:, 0], pixels[:, 1], s=0.8, c=[group_color(int(g)) for g in member[riders]], lw=0)

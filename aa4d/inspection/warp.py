@@ -6,16 +6,22 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from aa4d.model_file import LoadedModel
+from aa4d.methods.capabilities import WarpsCoordinates
+from aa4d.methods.model_file import LoadedModel
 
 
-def warp_figure(loaded: LoadedModel, coarse: LoadedModel | None) -> Figure:
-    """On each axis the map u -> warped u, over histograms of the anchors at the map's making and of those now."""
+def warp_figure(loaded: LoadedModel, coarse: LoadedModel | None) -> Figure | None:
+    """On each axis the map u -> warped u, over histograms of the anchors at the map's making and of those now.
+
+    None for a model that warps no coordinates.
+    """
     model = loaded.model
-    boundaries = model.warp.boundaries.numpy()
+    if not isinstance(model, WarpsCoordinates):
+        return None
+    boundaries = model.warp_boundaries().numpy()
     edges = np.linspace(-1, 1, boundaries.shape[1])
     figure = Figure(figsize=(12, 3.9), layout="constrained")
-    sets = [("anchors now", model.resting(None), "C0")]
+    sets = [("anchors now", loaded.model.resting(None), "C0")]
     if coarse is not None:
         sets.insert(0, ("anchors when the map was made", coarse.model.resting(None), "0.6"))
     for axis, axes in enumerate(figure.subplots(1, 3)):
@@ -43,7 +49,9 @@ def warp_figure(loaded: LoadedModel, coarse: LoadedModel | None) -> Figure:
 
 def stretch(loaded: LoadedModel) -> list[dict[str, float | str]]:
     """For each axis the largest and smallest slope of the map: how much capacity it gives and takes."""
-    boundaries = loaded.model.warp.boundaries.double().numpy()
+    if not isinstance(loaded.model, WarpsCoordinates):
+        return []
+    boundaries = loaded.model.warp_boundaries().double().numpy()
     slopes = np.diff(boundaries, axis=1) * (boundaries.shape[1] - 1) / 2
     return [
         {"axis": axis, "most": float(slope.max()), "least": float(slope.min())}

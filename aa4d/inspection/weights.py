@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from aa4d.field.planes import PLANES
-from aa4d.filming.layers import SPATIOTEMPORAL, aggregation_weights
+from aa4d.filming.layers import SPATIOTEMPORAL, plane_weights
 from aa4d.inspection.motion_groups import MotionGroups
-from aa4d.model_file import LoadedModel
+from aa4d.methods.model_file import LoadedModel
 
 SAMPLED_TIMES = 49
 
@@ -31,7 +31,7 @@ class WeightsOverTime:
 def weights_over_time(loaded: LoadedModel, groups: MotionGroups) -> WeightsOverTime | None:
     """None where the model's aggregation has no weights."""
     times = np.linspace(0, 1, SAMPLED_TIMES)
-    sampled = [aggregation_weights(loaded.model, float(t)) for t in times]
+    sampled = [plane_weights(loaded.model, float(t)) for t in times]
     weights = [w.numpy() for w in sampled if w is not None]
     if len(weights) < len(times):
         return None

@@ -21,10 +21,12 @@ from torch.autograd.profiler import profile
 from aa4d.capture.reader import Capture, Frame, PinholeCamera
 from aa4d.files import write_json
 from aa4d.kernels import _native
-from aa4d.model import ModelConfig
-from aa4d.rendering import render
+from aa4d.methods import method_of
+from aa4d.methods.adaanchor4d.model import AdaAnchor4D
+from aa4d.methods.adaanchor4d.settings import PRESETS
+from aa4d.methods.rendering import render
 from aa4d.training.checkpoints import TrainingState
-from aa4d.training.config import PRESETS
+from aa4d.training.frames import training_frames
 from aa4d.training.trainer import Run
 
 FRAMES = 16
@@ -127,9 +129,9 @@ def measure(workload: Workload, seconds: float) -> Row:
 
         def draw() -> None:
             state.iteration += 1
-            view = run.views[state.iteration % len(run.views)]
+            view = run.frames.views[state.iteration % len(run.frames.views)]
             with torch.no_grad():
-                render(state.model, view.t, view.camera, run.background)
+                render(state.model, view.t, view.camera, run.frames.background)
 
         iteration_seconds = _median_seconds(iterate, seconds)
         peak = _peak_mib()
@@ -143,7 +145,7 @@ def measure(workload: Workload, seconds: float) -> Row:
         parts[part] += event.self_cpu_time_total / PROFILED / 1e3
     total = sum(parts.values())
     return Row(
-        anchors=len(state.model.anchors),
+        anchors=len(state.model),
         width=workload.width,
         height=workload.height,
         iterations_per_second=1 / iteration_seconds,
@@ -157,14 +159,17 @@ def measure(workload: Workload, seconds: float) -> Row:
 def _prepare(workload: Workload, folder: Path) -> tuple[Run, TrainingState]:
     """A fine stage past its beginning, when statistics are gathered and no anchor comes or goes."""
     spacing_px = (workload.width * workload.height / workload.anchors) ** 0.5
-    config = replace(PRESETS["paper"], voxel_px=0.5 * spacing_px)  # every point becomes an anchor
-    run = Run(_capture(workload, spacing_px, folder), folder, config, ModelConfig())
+    settings = replace(PRESETS["paper"], voxel_px=0.5 * spacing_px)  # every point becomes an anchor
+    capture = _capture(workload, spacing_px, folder)
+    settings = method_of(settings.method).resolved(settings, len(capture.frames))
+    run = Run(training_frames(capture, torch.device("cpu")), folder, settings)
     state = run.initial_state()
-    run._enter_fine(state)
+    run.enter(state, run.schedule.first_moving)
+    assert isinstance(state.model, AdaAnchor4D)
     with torch.no_grad():  # as after some training: half of the Gaussians are visible, none like another
         state.model.anchors.feature.normal_()
         state.model.anchors.offset.normal_(0, 0.7)
-    state.iteration = config.densification.statistics_from + 1
+    state.iteration = settings.densification.statistics_from + 1
     return run, state
 
 

@@ -16,21 +16,24 @@ from torch.optim import Adam
 from aa4d.anchors.densification import Statistics
 from aa4d.errors import InputError
 from aa4d.files import whole_file
-from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
+from aa4d.methods import method_of
+from aa4d.methods.anchor_model import AnchorModel
+from aa4d.methods.scene_model import SceneModel
+from aa4d.methods.settings import RunSettings
 from aa4d.motion.groups import blank_groups
-from aa4d.training.config import LearningRates
 from aa4d.training.optimiser import make_optimiser
 from aa4d.training.poses import PoseRefinement
+from aa4d.training.schedule import schedule_of
 
 
 @dataclass
 class TrainingState:
     """A point between two iterations. Randomness is drawn from (seed, stage, iteration), so none is kept here."""
 
-    stage: str  # "coarse" or "fine"
+    stage: str  # its name
     iteration: int  # iterations done in this stage
-    seconds: float  # of training so far, both stages
-    model: AdaAnchor4D
+    seconds: float  # of training so far, over all stages
+    model: SceneModel
     optimiser: Adam
     statistics: Statistics
     poses: PoseRefinement | None = None  # where poses are learned
@@ -53,21 +56,21 @@ def save_checkpoint(path: Path, state: TrainingState) -> None:
 
 
 def load_checkpoint(
-    path: Path, config: ModelConfig, rates: LearningRates, device: torch.device, poses: PoseRefinement | None = None
+    path: Path, settings: RunSettings, device: torch.device, poses: PoseRefinement | None = None
 ) -> TrainingState:
     """Raises InputError for a damaged file or one of another configuration. `poses` are set to those of the file."""
     try:
         with safe_open(str(path), framework="pt", device=str(device)) as file:
             position = json.loads(file.metadata()["state"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
-        anchors = len(tensors["model.anchors.position"])
-        groups = None
-        if "groups" in position:
+        stage = schedule_of(settings)[position["stage"]]
+        model = method_of(settings.method).blank(settings, len(tensors["statistics.seen"]))
+        if "groups" in position and isinstance(model, AnchorModel):
             groups = blank_groups(tuple(position["groups"]), tensors["model.groups.position"].shape[1])
-        model = blank_model(config, anchors, groups).to(device)
-        model.load_state_dict(_part(tensors, "model."))
+            model.ride(groups, torch.zeros(len(model), dtype=torch.long))
+        model.to(device).load_state_dict(_part(tensors, "model."))
         statistics = Statistics(**_part(tensors, "statistics."))
-        optimiser = make_optimiser(model, rates, position["stage"])
+        optimiser = make_optimiser(model, settings.rates, canonical=stage.canonical)
         moments = {key: _part(tensors, f"adam.{key}.") for key in ("step", "exp_avg", "exp_avg_sq")}
         for name, parameter in model.named_parameters():
             if name in moments["step"]:
@@ -77,7 +80,7 @@ def load_checkpoint(
         return TrainingState(
             position["stage"], position["iteration"], position["seconds"], model, optimiser, statistics, poses
         )
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError, StopIteration) as error:
         reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
         raise InputError(f"{path}: cannot continue from this checkpoint ({reason}); delete it to start over") from None
 

@@ -1,4 +1,4 @@
-"""Adam over named parameter groups, and its surgery when anchors are added or removed."""
+"""Adam over named parameter groups, and what becomes of it and of the statistics when units come and go."""
 
 from __future__ import annotations
 
@@ -6,36 +6,19 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Adam
 
-from aa4d.model import AdaAnchor4D
-from aa4d.training.config import Decay, LearningRates
+from aa4d.anchors.densification import Statistics
+from aa4d.methods.contract import UnitEdit
+from aa4d.methods.scene_model import SceneModel
+from aa4d.methods.settings import CommonRates, Decay
 
 
-def make_optimiser(model: AdaAnchor4D, rates: LearningRates, stage: str) -> Adam:
-    """One group for each kind of parameter; the static stages leave out all that deforms."""
-    anchors = model.anchors
-    groups: dict[str, list[nn.Parameter]] = {
-        "offset": [anchors.offset],
-        "feature": [anchors.feature],
-        "log_scale": [anchors.log_scale],
-        "decoder_opacity": list(model.decoder.opacity.parameters()),
-        "decoder_color": list(model.decoder.color.parameters()),
-        "decoder_covariance": list(model.decoder.covariance.parameters()),
-    }
-    if stage == "fine":
-        deforming = [model.aggregation, model.encoder, model.head_feature]
-        if model.config.dlgd:
-            deforming += [model.dlgd_offset, model.dlgd_scale]
-        groups["embedding"] = [getattr(anchors, name) for name in model.config.embeddings()]
-        groups["planes"] = list(model.field.parameters())
-        groups["position"] = list(model.head_position.parameters())
-        groups["deformation"] = [p for module in deforming for p in module.parameters()]
-        if model.groups is not None:
-            groups["tracks"], groups["heading"] = [model.groups.position], [model.groups.heading]
+def make_optimiser(model: SceneModel, rates: CommonRates, *, canonical: bool) -> Adam:
+    """One group for each kind of parameter; its rate is the attribute of `rates` with the group's name."""
     # eps as in 3DGS: gradients of a mean over pixels are tiny, and the default 1e-8 would damp them.
     return Adam(
         [
             {"params": params, "name": name, "lr": getattr(rates, name).initial, "rate": getattr(rates, name)}
-            for name, params in groups.items()
+            for name, params in model.parameter_groups(canonical=canonical).items()
         ],
         eps=1e-15,
         fused=True,
@@ -47,6 +30,23 @@ def set_rates(optimiser: Adam, progress: float, resting: tuple[str, ...] = ()) -
     for group in optimiser.param_groups:
         rate: Decay = group["rate"]
         group["lr"] = 0.0 if group["name"] in resting else rate.at(progress)
+
+
+def edit_units(model: SceneModel, optimiser: Adam, statistics: Statistics, edit: UnitEdit) -> Statistics:
+    """Let units go and come in every tensor that has a row for each; moments and statistics of new ones are zero."""
+    rows = torch.cat([edit.keep, torch.full_like(edit.parent, -1)])
+    inherited = torch.cat([edit.keep, edit.parent])
+    for name in model.unit_tensors():
+        old = model.tensor(name)
+        if name in edit.values:
+            value = torch.cat([old.detach()[edit.keep], edit.values[name]])
+        else:
+            value = old.detach()[inherited]
+        if isinstance(old, nn.Parameter):
+            value = nn.Parameter(value)
+            replace_rows(optimiser, old, value, rows)
+        model.replace_tensor(name, value)
+    return statistics.rows(rows)
 
 
 def replace_rows(optimiser: Adam, old: nn.Parameter, new: nn.Parameter, rows: Tensor) -> None:

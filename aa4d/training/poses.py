@@ -24,8 +24,8 @@ from torch.optim import Adam
 
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture
+from aa4d.methods.settings import Decay
 from aa4d.raster.types import Camera
-from aa4d.training.config import Decay
 
 SMALL = 1e-6  # squared radians, below which the exponential map's coefficients are their series
 

@@ -9,11 +9,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from aa4d.anchors.canonical import Anchors, spacing
+from aa4d.anchors.canonical import spacing
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Boxes, Capture, boxes_of, read_images
 from aa4d.errors import InputError
-from aa4d.model import AdaAnchor4D
+from aa4d.methods.anchor_model import AnchorModel
 from aa4d.motion.boxes import box_tracks
 from aa4d.motion.finder import find_tracks
 from aa4d.motion.groups import Groups
@@ -101,7 +101,7 @@ def make_groups(tracks: Tracks, frame: ModelFrame) -> Groups:
 
 
 def add_riders(
-    model: AdaAnchor4D, capture: Capture, tracks: Tracks, frame: ModelFrame, voxel: float, embedding_std: float
+    model: AnchorModel, capture: Capture, tracks: Tracks, frame: ModelFrame, voxel: float, embedding_std: float
 ) -> None:
     """Append anchors that fill the movers, in voxels of edge `voxel` (model units), and let them ride on the tracks.
 
@@ -117,15 +117,11 @@ def add_riders(
         [spacing(centers[group == g], floor=1e-3 * voxel) for g in range(len(tracks)) if (group == g).any()]
         or [np.zeros(0)]
     )
-    c, device = model.config, old.position.device
-    new = Anchors(
+    device = old.position.device
+    new = old.more(
         torch.from_numpy(centers).float(),
         torch.from_numpy(np.log(np.minimum(scale, 2 * voxel))).float()[:, None].repeat(1, 6),
-        c.offsets,
-        c.feature_dim,
-        c.embedding_dim,
-        embeddings=c.embeddings(),
-        embedding_std=embedding_std,
+        embedding_std,
     ).to(device)
     for name, value in list(old.named_parameters()):
         setattr(old, name, nn.Parameter(torch.cat([value.detach(), getattr(new, name).detach()])))

@@ -11,6 +11,7 @@ from typing import Any
 from aa4d import files
 from aa4d.errors import InputError
 from aa4d.files import read_json_object, write_json
+from aa4d.methods import DEFAULT
 
 SETTINGS = "config.json"
 
@@ -22,7 +23,7 @@ def check_folder(out: Path, settings: dict[str, Any]) -> None:
         if out.is_dir() and any(not entry.name.startswith(".") for entry in out.iterdir()):
             raise InputError(f"{out}: not empty and not a training run; choose a new folder with --out")
         return
-    found = read_json_object(path, "the settings of a training run")
+    found = {"method": DEFAULT} | read_json_object(path, "the settings of a training run")
     # Through JSON, so that tuples and lists compare alike.
     wanted = json.loads(json.dumps(settings))
     rides, is_to_ride = (bool(s.get("training", {}).get("motion")) for s in (found, wanted))
@@ -32,7 +33,7 @@ def check_folder(out: Path, settings: dict[str, Any]) -> None:
             f"{out}: holds a run of {names[rides]}, and {names[is_to_ride]} is asked for (see {path}); "
             "choose a new folder with --out, or delete that one"
         )
-    for key in ("capture_fingerprint", "training", "model"):
+    for key in ("method", "capture_fingerprint", "training", "model"):
         if found.get(key) != wanted[key]:
             difference = "capture" if key == "capture_fingerprint" else _difference(found.get(key), wanted[key], key)
             raise InputError(

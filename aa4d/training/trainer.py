@@ -1,4 +1,4 @@
-"""Coarse stage, DACW, fine stage (paper, sections 4.4 and 5.1)."""
+"""The loop over stages: it trains any method, and knows none by name."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,64 +13,40 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from aa4d.anchors.canonical import Anchors, spacing, voxel_centres
 from aa4d.anchors.densification import Statistics
-from aa4d.capture.frame import ModelFrame, frame_of
-from aa4d.capture.reader import Capture, read_images
+from aa4d.capture.reader import Capture
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.image_metrics import decibels
-from aa4d.field.planes import regularisation
-from aa4d.field.warping import density_adaptive_boundaries
 from aa4d.interrupts import StopRequest, stop_requests
-from aa4d.kernels.image_loss import image_loss
-from aa4d.model import AdaAnchor4D, ModelConfig
-from aa4d.model_file import save_model
-from aa4d.motion.tracks import Tracks
-from aa4d.motion.tracks_file import load_tracks, movers_path, save_tracks, tracks_path
-from aa4d.motion.truth import truth_tracks
-from aa4d.raster.types import Camera
-from aa4d.rendering import Rendered, render
+from aa4d.methods import method_of
+from aa4d.methods.contract import Stage
+from aa4d.methods.model_file import save_model
+from aa4d.methods.rendering import Rendered, render
+from aa4d.methods.settings import RunSettings
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
-from aa4d.training.config import TrainingConfig, temporal_resolution
-from aa4d.training.growth import densify
+from aa4d.training.frames import TrainingFrames, View, training_frames
 from aa4d.training.history import History
-from aa4d.training.optimiser import make_optimiser, set_rates
+from aa4d.training.movers import Movers
+from aa4d.training.optimiser import edit_units, make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
-from aa4d.training.riding import FloatArray, add_riders, check_source, find, membership_loss
+from aa4d.training.riding import check_source
 from aa4d.training.run_folder import check_folder, claimed
+from aa4d.training.schedule import CLEAN, Schedule, schedule_of
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
-RESTART = "delete the run and train again"
-# By stage, of what is drawn at random in it.
-STAGE_SEEDS = {"coarse": 0, "fine": 1, "clean": 2}
-
-
-# What the trainer tells whoever watches, once an iteration: stage, iteration, total, loss, PSNR in dB, anchors.
+# What the trainer tells whoever watches, once an iteration: stage, iteration, total, loss, PSNR in dB, units.
 Progress = Callable[[str, int, int, float, float, int], None]
 # And now and then, in a sentence.
 Say = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class View:
-    """One training frame, ready to be learned from."""
-
-    t: float
-    camera: Camera
-    pixels: Tensor  # [H, W, 3] uint8
-
-    def target(self) -> Tensor:
-        return self.pixels.float() / 255
-
-
 def train(
     capture: Capture,
     out: Path,
-    config: TrainingConfig,
+    settings: RunSettings,
     progress: Progress,
     *,
-    variant: dict[str, Any] | None = None,
     device: DeviceName = "auto",
     tensorboard: bool = False,
     say: Say = lambda _: None,
@@ -80,9 +55,6 @@ def train(
 
     Writes `config.json`, `history.csv`, `checkpoint.safetensors`, `coarse.safetensors` and `model.safetensors` into
     `out`.
-
-    Args:
-        variant: settings of `ModelConfig` that differ from its defaults.
 
     Returns:
         The path of the model file.
@@ -93,20 +65,20 @@ def train(
         Interrupted: Ctrl-C; the checkpoint and a usable model file of that moment are written.
     """
     chosen = choose_device(device)
-    model_config = model_config_of(capture, variant or {})
-    settings = settings_of(capture, config, model_config)
-    check_folder(out, settings)
-    if config.motion is not None:
-        check_source(config.motion.tracks, capture)
+    settings = method_of(settings.method).resolved(settings, len(capture.frames))
+    description = description_of(capture, settings)
+    check_folder(out, description)
+    if settings.motion is not None:
+        check_source(settings.motion.tracks, capture)
     # Every image is read here, so that bad input is refused before anything is written.
-    run = Run(capture, out, config, model_config, chosen)
-    with claimed(out, settings):
+    run = Run(training_frames(capture, chosen), out, settings)
+    with claimed(out, description):
         state = run.last_good_state()
-        if state.stage == "fine" and state.iteration == config.fine_iterations and run.model_path.exists():
+        if run.is_finished(state):
             return run.model_path
-        step = run.steps(state)
-        if step:
-            say(f"continuing at {state.stage} iteration {state.iteration} of {config.iterations(state.stage)}")
+        if step := run.steps(state):
+            total = run.schedule[state.stage].iterations
+            say(f"continuing at {state.stage} iteration {state.iteration} of {total}")
         history = History(out, step, tensorboard=tensorboard)
         try:
             run.train(state, progress, history, say)
@@ -117,205 +89,145 @@ def train(
     return run.model_path
 
 
-def model_config_of(capture: Capture, variant: dict[str, Any]) -> ModelConfig:
-    """The model's settings for a capture; `variant` holds what differs from the defaults."""
-    return ModelConfig(**{"temporal_resolution": temporal_resolution(len(capture.frames)), **variant})
-
-
-def settings_of(capture: Capture, config: TrainingConfig, model_config: ModelConfig) -> dict[str, Any]:
-    """What makes a run this one and no other: `config.json`."""
-    training = dataclasses.asdict(config)
-    if config.motion is None:  # as before there was such a setting
+def description_of(capture: Capture, settings: RunSettings) -> dict[str, Any]:
+    """What makes a run this one and no other: `config.json`. The settings may be resolved already."""
+    training = dataclasses.asdict(method_of(settings.method).resolved(settings, len(capture.frames)))
+    model = training.pop("model", {})
+    if settings.motion is None:  # as before there was such a setting
         del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
     return {
+        "method": settings.method,
         "capture": str(capture.folder.resolve()),
         "capture_fingerprint": capture.fingerprint,
         "training": training,
-        "model": dataclasses.asdict(model_config),
+        "model": model,
     }
 
 
 class Run:
     """One training run: what stays fixed over it, and the loop."""
 
-    def __init__(
-        self,
-        capture: Capture,
-        out: Path,
-        config: TrainingConfig,
-        model_config: ModelConfig,
-        device: torch.device | None = None,
-    ) -> None:
-        self.capture = capture
+    def __init__(self, frames: TrainingFrames, out: Path, settings: RunSettings) -> None:
+        """`settings` are resolved (`Method.resolved`)."""
+        self.frames = frames
         self.out = out
-        self.config = config
-        self.model_config = model_config
-        self.device = device or torch.device("cpu")
+        self.settings = settings
+        self.method = method_of(settings.method)
+        self.schedule: Schedule = schedule_of(settings)
+        self.movers = None if settings.motion is None else Movers(settings.motion, frames, out)
         self.model_path = out / "model.safetensors"
         self.checkpoint_path = out / "checkpoint.safetensors"
-        self.frame: ModelFrame = frame_of(capture)
-        indices = capture.of_split("train")
-        images = torch.from_numpy(read_images(capture, indices))
-        c = capture.camera
-        self.views = [
-            View(
-                capture.frames[i].t,
-                self.frame.camera(capture.frames[i].viewmat, c.K, c.width, c.height, self.device),
-                image.to(self.device),
-            )
-            for i, image in zip(indices, images, strict=True)
-        ]
-        # What no anchor covers shows the mean colour of the training frames: the least wrong constant.
-        self.background = (images.float().mean(dim=(0, 1, 2)) / 255).to(self.device)
-        self.voxel = config.voxel_px / float(c.K[0, 0])
-        self.pixel = 1 / float(c.K[0, 0])  # its width at unit depth
-        self.tracks: Tracks | None = None  # once they are known
 
     def initial_state(self) -> TrainingState:
-        # Drawn on the CPU, whatever the device. The anchors' draws depend on the variant; the model starts anew.
-        torch.manual_seed(self.config.seed)
-        c = self.model_config
-        centres = voxel_centres(self.frame.to_model(self.capture.points), self.voxel)
-        scale = spacing(centres, floor=1e-3 * self.voxel)
-        anchors = Anchors(
-            torch.from_numpy(centres).float(),
-            torch.from_numpy(np.log(scale)).float()[:, None].repeat(1, 6),
-            c.offsets,
-            c.feature_dim,
-            c.embedding_dim,
-            embeddings=c.embeddings(),
-            embedding_std=self.config.embedding_std,
-        )
-        torch.manual_seed(self.config.seed)
-        model = AdaAnchor4D(c, anchors).to(self.device)
-        optimiser = make_optimiser(model, self.config.rates, "coarse")
-        statistics = Statistics.zeros(len(anchors), c.offsets, self.device)
-        return TrainingState("coarse", 0, 0.0, model, optimiser, statistics, self._poses())
+        # Drawn on the CPU, whatever the device.
+        model = self.method.initial(self.settings, self.frames.beginning()).to(self.frames.device)
+        first = self.schedule.stages[0]
+        optimiser = make_optimiser(model, self.settings.rates, canonical=first.canonical)
+        statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
+        return TrainingState(first.name, 0, 0.0, model, optimiser, statistics, self._poses())
 
     def _poses(self) -> PoseRefinement | None:
         """The given poses as a start, where they are learned."""
-        if not self.config.refine_poses:
+        if not self.settings.refine_poses:
             return None
-        return PoseRefinement([view.camera for view in self.views], self.config.rates.poses)
+        return PoseRefinement([view.camera for view in self.frames.views], self.settings.rates.poses)
 
     def last_good_state(self) -> TrainingState:
         """That of the checkpoint, or the initial one where there is none."""
         if not self.checkpoint_path.exists():
             return self.initial_state()
-        c = self.config
-        return load_checkpoint(self.checkpoint_path, self.model_config, c.rates, self.device, self._poses())
+        return load_checkpoint(self.checkpoint_path, self.settings, self.frames.device, self._poses())
+
+    def is_finished(self, state: TrainingState) -> bool:
+        last = self.schedule.stages[-1]
+        return state.stage == last.name and state.iteration == last.iterations and self.model_path.exists()
 
     def steps(self, state: TrainingState) -> int:
         """Iterations done over all stages."""
-        return self.config.iterations_before(state.stage) + state.iteration
+        return self.schedule.iterations_before(state.stage) + state.iteration
 
     def train(self, state: TrainingState, progress: Progress, history: History, say: Say = lambda _: None) -> None:
         """Raises NotFinite; `state` then tells in which iteration it was found."""
         self._know_movers(state)
         with stop_requests() as stop_requested:
-            while True:
+            self._stage(state, progress, history, stop_requested)
+            while self._next_stage(state, say):
                 self._stage(state, progress, history, stop_requested)
-                if state.stage == "fine":
-                    break
-                self._leave_static(state, say)
         self._save(state, history)
 
     def _know_movers(self, state: TrainingState) -> None:
-        """Tracks that a stage depends on, before it starts or continues."""
-        motion = self.config.motion
-        if motion is None:
-            return
-        if state.stage == "fine":
-            self.tracks = self._own_tracks(tracks_path(self.out))
-            groups = () if state.model.groups is None else state.model.groups.names
-            if groups != self.tracks.names:
-                raise InputError(f"{tracks_path(self.out)}: is of another run than the checkpoint beside it; {RESTART}")
-        elif state.stage == "clean":
-            self.tracks = self._own_tracks(movers_path(self.out))
-        elif not motion.needs_static:
-            self.tracks = truth_tracks(self.capture, self.capture.of_split("train"))
+        if self.movers is not None:
+            stage = self.schedule[state.stage]
+            self.movers.know(state.model, moving=not stage.canonical, clean=stage.name == CLEAN)
 
-    def _own_tracks(self, path: Path) -> Tracks:
-        tracks, c = load_tracks(path), self.capture.camera
-        if tracks.labels.shape != (len(self.views), c.height, c.width):
-            raise InputError(f"{path}: holds tracks of another capture; {RESTART}")
-        return tracks
+    def _next_stage(self, state: TrainingState, say: Say) -> bool:
+        """Enter the stage that follows; False after the last. Without movers nothing is to be cleaned of them."""
+        following = self.schedule.after(state.stage)
+        if following is None:
+            return False
+        check_finite(state.optimiser, "a parameter")
+        movers, first_moving = self.movers, self.schedule.first_moving
+        if movers is not None and movers.settings.needs_static and following.name in (CLEAN, first_moving.name):
+            state.seconds += movers.look(state.model, state.stage, say)
+            assert movers.tracks is not None
+            if following.name == CLEAN and len(movers.tracks):
+                movers.keep_first_look()
+            elif following.name == CLEAN:
+                following = first_moving
+        self.enter(state, following, say)
+        return True
 
-    def _leave_static(self, state: TrainingState, say: Say) -> None:
-        """From the coarse to the clean stage, where movers were found that it has not seen; else to the fine stage."""
-        motion = self.config.motion
-        if motion is not None and motion.needs_static:
-            check_finite(state.optimiser, "a parameter")
-            started = time.perf_counter()
-            self.tracks = find(motion.tracks, self.capture, *self.static_views(state.model))
-            seconds = time.perf_counter() - started
-            state.seconds += seconds
-            say(f"tracks of movers after the {state.stage} stage: {len(self.tracks)}, in {seconds:.0f} s")
-            if state.stage == "coarse" and self.config.iterations("clean") and len(self.tracks):
-                save_tracks(movers_path(self.out), self.tracks)
-                state.stage, state.iteration = "clean", 0
-                state.optimiser = make_optimiser(state.model, self.config.rates, "clean")
-                save_checkpoint(self.checkpoint_path, state)
-                return
-        if self.tracks is not None and not len(self.tracks):
-            say("no mover was found: no anchor rides")
-        self._enter_fine(state)
-
-    @torch.no_grad()
-    def static_views(self, model: AdaAnchor4D) -> tuple[FloatArray, FloatArray]:
-        """What the static scene shows in place of the training frames: color [V, H, W, 3], depth_z in world units."""
-        color, depth = [], []
-        for view in self.views:
-            rendered = render(model, None, view.camera, self.background, outputs=["depth"])
-            rendering = rendered.rendering
-            assert rendering.depth is not None
-            color.append(rendering.color.clamp(0, 1).cpu().numpy())
-            depth.append(rendering.depth.cpu().numpy() * np.float32(self.frame.unit_m))
-        return np.stack(color), np.stack(depth)
+    def enter(self, state: TrainingState, stage: Stage, say: Say = lambda _: None) -> None:
+        """Start a stage with a new optimiser; its first checkpoint is written."""
+        model = state.model
+        self.method.enter(stage, model, self.settings)
+        if stage is self.schedule.first_moving:
+            self._save_model(state, self.out / "coarse.safetensors")
+            if self.movers is not None:
+                self.movers.ride(model, self.settings, say)
+        state.stage, state.iteration = stage.name, 0
+        state.optimiser = make_optimiser(model, self.settings.rates, canonical=stage.canonical)
+        state.statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
+        save_checkpoint(self.checkpoint_path, state)
 
     def _stage(self, state: TrainingState, progress: Progress, history: History, stop_requested: StopRequest) -> None:
-        total = self.config.iterations(state.stage)
+        total = self.schedule[state.stage].iterations
         while state.iteration < total:
             started = time.perf_counter()
             loss, psnr_db = self.step(state)
             state.iteration += 1
             state.seconds += time.perf_counter() - started
-            anchors = len(state.model.anchors)
-            history.add(self.steps(state), state.stage, state.iteration, loss, psnr_db, anchors, state.seconds)
-            progress(state.stage, state.iteration, total, loss, psnr_db, anchors)
+            units = len(state.model)
+            history.add(self.steps(state), state.stage, state.iteration, loss, psnr_db, units, state.seconds)
+            progress(state.stage, state.iteration, total, loss, psnr_db, units)
             if stop_requested():
                 self._save(state, history)
                 raise Interrupted(
                     f"stopped at {state.stage} iteration {state.iteration} of {total}; {self.out} is usable as it is, "
                     "and the same command continues from there"
                 )
-            if state.iteration % self.config.checkpoint_every == 0 and state.iteration < total:
+            if state.iteration % self.settings.checkpoint_every == 0 and state.iteration < total:
                 self._save_checkpoint(state, history)
 
     def step(self, state: TrainingState, watch: Watch | None = None) -> tuple[float, float]:
-        """One iteration on one view; returns loss and PSNR of that view.
+        """One iteration; returns loss and PSNR of its views.
 
         Raises:
             NotFinite: what is drawn or the loss is not finite, or `watch` says so of a gradient or a parameter.
         """
-        index = self._view_index(state.stage, state.iteration)
-        view, poses = self.views[index], state.poses
-        if poses is not None:
-            view = dataclasses.replace(view, camera=poses.camera(index, view.camera))
-        model, optimiser = state.model, state.optimiser
-        set_rates(optimiser, state.iteration / max(self.config.iterations(state.stage) - 1, 1), self._resting(state))
-        rendered = self._render(state, view)
-        target = view.target()
-        if self.tracks is not None and state.stage != "fine":
-            # Where something moves the static scene is asked for nothing: its own picture has no gradient.
-            moving = torch.from_numpy(self.tracks.moving[index]).to(self.device)
-            target = torch.where(moving[..., None], rendered.rendering.color.detach(), target)
-        loss, squared_error = self._loss(model, state.stage, rendered, target)
-        share = rendered.rendering.features
-        if share is not None and self.tracks is not None and (motion := self.config.motion) is not None:
-            labels = torch.from_numpy(self.tracks.labels[index] > 0).to(self.device)
-            moving = torch.from_numpy(self.tracks.moving[index]).to(self.device)
-            loss = loss + motion.membership * membership_loss(share[..., 0], labels, moving)
+        stage, model, optimiser, movers = self.schedule[state.stage], state.model, state.optimiser, self.movers
+        resting = movers.resting(state.iteration, self.settings.fine_iterations) if movers is not None else ()
+        set_rates(optimiser, state.iteration / max(stage.iterations - 1, 1), resting)
+        self.method.begin_step(stage, state.iteration, model, self.settings)
+        drawn, losses, squared_errors = [], [], []
+        for index in self._view_indices(stage, state.iteration):
+            rendered, loss, squared_error = self._view_loss(state, stage, index)
+            drawn.append(rendered)
+            losses.append(loss)
+            squared_errors.append(squared_error)
+        loss = losses[0] if len(losses) == 1 else torch.stack(losses).mean()
+        if (penalty := self.method.penalty(stage, model, self.settings)) is not None:
+            loss = loss + penalty
         value = loss.item()
         if not math.isfinite(value):
             raise NotFinite("the loss")
@@ -324,86 +236,65 @@ class Run:
         if watch:
             watch(optimiser, "a gradient")
         optimiser.step()
-        if model.groups is not None and (motion := self.config.motion) is not None:
-            model.groups.bound(motion.farthest_px * self.pixel, motion.largest_turn)
-        if poses is not None:
-            poses.step(self.steps(state) / self.config.total_iterations)
-            if (state.iteration + 1) % len(self.views) == 0:
+        if movers is not None:
+            movers.bound(model)
+        if (poses := state.poses) is not None:
+            poses.step(self.steps(state) / self.schedule.total)
+            if (state.iteration + 1) % len(self.frames.views) == 0:
                 poses.fix_gauge()
         if watch:
             watch(optimiser, "a parameter")
-        with torch.no_grad():
-            seed = (self.config.seed, STAGE_SEEDS[state.stage])
-            if state.stage != "clean":
-                rider_voxel = self.config.motion.voxel_px * self.pixel if self.config.motion is not None else 0.0
-                densify(state, self.config.densification, rendered, self.voxel, seed, rider_voxel)
-        return value, decibels(squared_error.item())
+        if stage.changes_units:
+            self._change_units(state, stage, drawn)
+        return value, decibels(sum(error.item() for error in squared_errors) / len(squared_errors))
 
-    def _resting(self, state: TrainingState) -> tuple[str, ...]:
-        """Parameter groups that do not learn yet."""
-        motion = self.config.motion
-        early = motion is not None and state.iteration < motion.learn_from * self.config.fine_iterations
-        return ("tracks", "heading") if early else ()
+    def _view_loss(self, state: TrainingState, stage: Stage, index: int) -> tuple[Rendered, Tensor, Tensor]:
+        """What is drawn of a view, its loss, and the squared error of the image."""
+        view, movers = self.frames.views[index], self.movers
+        if state.poses is not None:
+            view = dataclasses.replace(view, camera=state.poses.camera(index, view.camera))
+        rendered = self._render(state, view)
+        target = view.target()
+        if movers is not None and movers.tracks is not None and stage.canonical:
+            # Where something moves the static scene is asked for nothing: its own picture has no gradient.
+            target = torch.where(movers.moving(index)[..., None], rendered.rendering.color.detach(), target)
+        loss, squared_error = self.method.image_loss(rendered, target, self.settings)
+        if movers is not None and (of_movers := movers.loss(rendered, index)) is not None:
+            loss = loss + of_movers
+        return rendered, loss, squared_error
+
+    @torch.no_grad()
+    def _change_units(self, state: TrainingState, stage: Stage, drawn: list[Rendered]) -> None:
+        """After the backward pass of the iteration that makes `state.iteration` + 1."""
+        d, done, settings = self.settings.densification, state.iteration + 1, self.settings
+        if not d.statistics_from < done <= d.until:
+            return
+        for rendered in drawn:
+            state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering, len(drawn))
+        if done <= d.start or done % d.interval:
+            return
+        # The stage and the iteration make the random choices, so that a checkpoint keeps none.
+        seed = int(np.random.SeedSequence([settings.seed, stage.draws, done]).generate_state(1)[0])
+        generator = torch.Generator().manual_seed(seed)
+        edit = self.method.edit(state.model, state.statistics, settings, self.frames.pixel, generator)
+        state.statistics = edit_units(state.model, state.optimiser, state.statistics, edit)
 
     def _render(self, state: TrainingState, view: View) -> Rendered:
         try:
-            t = view.t if state.stage == "fine" else None
-            return render(state.model, t, view.camera, self.background, anchor_features=self._membership(state.model))
+            t = None if self.schedule[state.stage].canonical else view.t
+            features = None if self.movers is None else self.movers.membership(state.model)
+            return render(state.model, t, view.camera, self.frames.background, unit_features=features)
         except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
             raise NotFinite(f"what it draws ({error})") from None
 
-    def _membership(self, model: AdaAnchor4D) -> Tensor | None:
-        """[N, 1] what is drawn to compare riders with the movers' masks: 1 for an anchor that rides."""
-        motion, group = self.config.motion, model.anchors.group
-        if motion is None or motion.membership == 0 or group is None:
-            return None
-        return (group >= 0).float()[:, None]
-
-    def _view_index(self, stage: str, iteration: int) -> int:
-        """Every view once an epoch, in an order drawn from (seed, stage, epoch)."""
-        epoch, position = divmod(iteration, len(self.views))
-        order = np.random.default_rng([self.config.seed, STAGE_SEEDS[stage], epoch]).permutation(len(self.views))
-        return int(order[position])
-
-    def _loss(self, model: AdaAnchor4D, stage: str, rendered: Rendered, target: Tensor) -> tuple[Tensor, Tensor]:
-        """The loss, and the squared error of the image."""
-        weights, rendering = self.config.loss, rendered.rendering
-        loss, squared_error = image_loss(rendering.color, target, weights.dssim)
-        drawn = (rendering.radii > 0).float()
-        x, y, z = rendered.gaussians.scales.unbind(1)  # the gradient of prod() takes ten times as long
-        volume = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
-        loss = loss + weights.volume * volume
-        if stage == "fine":
-            # Where anchors ride, their settings say how calm the field is.
-            motion = self.config.motion if model.groups is not None else None
-            time = motion or weights
-            loss = loss + regularisation(
-                model.field, weights.plane_smoothness, time.time_smoothness, time.time_constancy
-            )
-        return loss, squared_error
-
-    def _enter_fine(self, state: TrainingState) -> None:
-        """Build DACW and the field's box from the anchors of the coarse stage, and start a new optimiser."""
-        check_finite(state.optimiser, "a parameter")
-        model, w = state.model, self.config.warp
-        position = model.anchors.position
-        model.field.box.copy_(torch.stack([position.amin(0), position.amax(0)]))
-        if self.model_config.dacw:
-            u = model.field.normalise(position)
-            model.warp.boundaries.copy_(
-                density_adaptive_boundaries(u, self.model_config.bins, w.smoothing, w.gamma, w.lambda_min, w.lambda_max)
-            )
-        self._save_model(state, self.out / "coarse.safetensors")
-        if self.config.motion is not None and self.tracks is not None:
-            save_tracks(tracks_path(self.out), self.tracks)
-            if len(self.tracks):
-                voxel = self.config.motion.voxel_px * self.pixel
-                torch.manual_seed(self.config.seed)
-                add_riders(model, self.capture, self.tracks, self.frame, voxel, self.config.embedding_std)
-        state.stage, state.iteration = "fine", 0
-        state.optimiser = make_optimiser(model, self.config.rates, "fine")
-        state.statistics = Statistics.zeros(len(model.anchors), self.model_config.offsets, self.device)
-        save_checkpoint(self.checkpoint_path, state)
+    def _view_indices(self, stage: Stage, iteration: int) -> list[int]:
+        """The views of a step: every view once an epoch, in an order drawn from (seed, stage, epoch)."""
+        count, chosen = len(self.frames.views), []
+        for number in range(iteration * stage.views_per_step, (iteration + 1) * stage.views_per_step):
+            epoch, position = divmod(number, count)
+            order = np.random.default_rng([self.settings.seed, stage.draws, epoch]).permutation(count)
+            chosen.append(int(order[position]))
+        return chosen
 
     def _save(self, state: TrainingState, history: History) -> None:
         """The model first: where the checkpoint says that training is over, the model file is the final one."""
@@ -417,28 +308,31 @@ class Run:
         image = target = None
         if history.wants_images:
             with torch.no_grad():
-                image, target = self._render(state, self.views[0]).rendering.color, self.views[0].target()
+                view = self.frames.views[0]
+                image, target = self._render(state, view).rendering.color, view.target()
         history.write(self.steps(state), image, target)
         save_checkpoint(self.checkpoint_path, state)
 
     def _save_model(self, state: TrainingState, path: Path) -> None:
+        capture = self.frames.capture
         training: dict[str, Any] = {
-            "preset": self.config.preset,
-            "seed": self.config.seed,
+            "preset": self.settings.preset,
+            "seed": self.settings.seed,
             "iterations": state.iteration,
             "seconds": round(state.seconds, 3),
-            "capture_fingerprint": self.capture.fingerprint,
+            "capture_fingerprint": capture.fingerprint,
         }
         if (poses := state.poses) is not None:
             training["refined_poses"] = True
-        background = tuple(float(c) for c in self.background)
+        red, green, blue = (float(c) for c in self.frames.background)
         save_model(
             path,
+            self.method.name,
             state.model,
-            stage="fine" if state.stage == "fine" else "coarse",
-            capture=self.capture if poses is None else refined(self.capture, self.frame, poses.values()),
-            frame=self.frame,
-            background=(background[0], background[1], background[2]),
+            is_static=self.schedule[state.stage].canonical,
+            capture=capture if poses is None else refined(capture, self.frames.frame, poses.values()),
+            frame=self.frames.frame,
+            background=(red, green, blue),
             training=training,
         )
 
@@ -452,8 +346,9 @@ class Run:
         say(f"{found.what} is not finite at {where}; repeating {at - self.steps(again) + 1} iterations to see why")
         try:
             while self.steps(again) <= at:
-                if again.stage != "fine" and again.iteration == self.config.iterations(again.stage):
-                    break  # the fine stage starts with a checkpoint: what follows would be another run
+                stage = self.schedule[again.stage]
+                if again.iteration == stage.iterations and self.schedule.after(stage.name) is not None:
+                    break  # the next stage starts with a checkpoint: what follows would be another run
                 self.step(again, check_finite)
                 again.iteration += 1
         except NotFinite as first:

@@ -196,6 +196,7 @@ GOOD_FILES: dict[str, Callable[[Path], object]] = {
     "with bins that take no room": good(
         lambda tensors, _: tensors["warp.boundaries"].__setitem__((0, slice(1, 3)), -1.0),
     ),
+    "that says its method": good(lambda _, info: info.update(method="adaanchor4d")),
     "at its limits": good(lambda _, info: turn_on_edge(info)),
     "far out": good(lambda tensors, _: tensors["anchors.position"].__setitem__(0, [1660, -1660, 0])),
     "with notes of another program": good(
@@ -293,7 +294,10 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "metadata of another kind": (with_header(lambda header: header.update(__metadata__={"aa4d": "3"})), "not an Ada"),
     "another format": (with_information(lambda info: info.update(format="aa4d-capture")), "not an AdaAnchor4D model"),
-    "a newer version": (with_information(lambda info: info.update(version=3)), "newer"),
+    "a newer version": (with_information(lambda info: info.update(version=4)), "newer"),
+    "another method": (with_information(lambda info: info.update(version=3, method="nerf")), "track file"),
+    "another method before there were any": (with_information(lambda info: info.update(method="fourdgs")), "method"),
+    "a method that is a number": (with_information(lambda info: info.update(method=4)), "method"),
     "a version that is true": (with_information(lambda info: info.update(version=True)), "version"),
     "no version": (with_information(lambda info: info.pop("version")), "version"),
     "an unknown stage": (with_information(lambda info: info.update(stage="medium")), "medium"),
@@ -450,7 +454,7 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "fewer headings than positions": (grouped("groups.heading", lambda a: a[:, 1:]), "groups.heading has shape"),
     "a heading that is not a number": (grouped("groups.heading", not_a_number), "not finite"),
     "a trajectory out of the world": (grouped("groups.position", lambda a: a * 1e6), "places a group"),
-    "a reference out of the world": (grouped("groups.reference", lambda a: a + 1e9), "places a group"),
+    "a reference out of the world": (grouped("groups.reference", lambda a: a + 1e9), "from the origin"),
     "a reference without heading": (grouped("groups.reference", lambda a: a[:, :3]), "groups.reference has shape"),
     "three times": (grouped("groups.shown", lambda a: a[:, :3]), "groups.shown has shape"),
     "times that go back": (grouped("groups.shown", lambda a: a[:, ::-1]), "do not decrease"),

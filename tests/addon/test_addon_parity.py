@@ -10,14 +10,16 @@ from addon.field import anchor_positions, anchor_state, local_gaussians, prepare
 from addon.model import read_model
 
 torch = pytest.importorskip("torch")
-model_file = pytest.importorskip("aa4d.model_file")
+model_file = pytest.importorskip("aa4d.methods.model_file")
+files = pytest.importorskip("aa4d.methods.adaanchor4d.files")
 
 
 @pytest.mark.parametrize("t", [0.0, 0.25, 0.37, 0.5, 0.7625, 1.0])
 @pytest.mark.parametrize("up", [None, (0.0, 0.0, 1.0), (0.3, -0.5, 0.7)])  # None: no groups
 def test_numpy_agrees_with_torch(t: float, up: tuple[float, float, float] | None, tmp_path: Path) -> None:
     from aa4d.anchors.canonical import Anchors
-    from aa4d.model import AdaAnchor4D, ModelConfig
+    from aa4d.methods.adaanchor4d.model import AdaAnchor4D
+    from aa4d.methods.adaanchor4d.settings import ModelConfig
     from aa4d.raster.types import Camera
 
     config = ModelConfig(
@@ -51,8 +53,7 @@ def test_numpy_agrees_with_torch(t: float, up: tuple[float, float, float] | None
     sizes = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "bins")
     information["config"].update({name: getattr(config, name) for name in sizes})
     tensors = {
-        model_file.file_name_of(name): model_file.as_in_file(name, value).contiguous().numpy()
-        for name, value in state.items()
+        files.file_name_of(name): files.as_in_file(name, value).contiguous().numpy() for name, value in state.items()
     }
     if up is not None:
         add_groups(tensors, information, 3, up, np.random.default_rng(2))
@@ -67,7 +68,7 @@ def test_numpy_agrees_with_torch(t: float, up: tuple[float, float, float] | None
     with torch.no_grad():
         torch_model = model_file.load_model(path).model
         expected = torch_model.gaussians(t, Camera(viewmat, torch.eye(3), 1, 1))
-        anchors = torch_model.centres(t).numpy()
+        anchors = torch_model.centers(t).numpy()
     extent = np.ptp(tensors["anchors.position"], axis=0).max()
     np.testing.assert_allclose(anchor_positions(prepare(numpy_model), t), anchors, atol=1e-5)
     assert np.abs(now.positions - tensors["anchors.position"]).max() > 0.01 * extent

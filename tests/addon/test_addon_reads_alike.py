@@ -12,7 +12,7 @@ from addon.field import anchor_positions, prepare, to_world
 from addon.model import read_model
 
 torch = pytest.importorskip("torch")
-model_file = pytest.importorskip("aa4d.model_file")
+model_file = pytest.importorskip("aa4d.methods.model_file")
 
 
 @pytest.mark.parametrize("kind", BAD_FILES)
@@ -42,7 +42,7 @@ def test_what_is_good_for_one_is_good_for_the_other(kind: str, tmp_path: Path) -
     field = prepare(ours)
     for t in (0.0, 0.41, 1.0):
         with torch.no_grad():
-            expected = theirs.model.centres(None if theirs.is_static else t).numpy()
+            expected = theirs.model.centers(None if theirs.is_static else t).numpy()
         found = anchor_positions(field, t)
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=2e-5)
         assert np.isfinite(to_world(ours, found)).all()

@@ -9,12 +9,12 @@ import torch
 from aa4d.anchors.canonical import EMBEDDINGS, Anchors, spacing, voxel_centres
 from aa4d.anchors.densification import Growth, Statistics, grow, transparent
 from aa4d.anchors.visibility import in_view
-from aa4d.model import AdaAnchor4D, ModelConfig
+from aa4d.methods.adaanchor4d.growth import edit_of
+from aa4d.methods.adaanchor4d.model import AdaAnchor4D
+from aa4d.methods.adaanchor4d.settings import LearningRates, ModelConfig
 from aa4d.raster.types import Camera
 from aa4d.training.checkpoints import TrainingState
-from aa4d.training.config import LearningRates
-from aa4d.training.growth import change_anchors
-from aa4d.training.optimiser import make_optimiser
+from aa4d.training.optimiser import edit_units, make_optimiser
 
 CONFIG = ModelConfig(offsets=4, spatial_resolutions=(4,), temporal_resolution=4)
 
@@ -74,7 +74,7 @@ def state_with_moments(n: int) -> TrainingState:
     anchors = Anchors(torch.randn(n, 3), torch.zeros(n, 6), 4, 32, 32)
     torch.nn.init.normal_(anchors.feature)
     model = AdaAnchor4D(CONFIG, anchors)
-    optimiser = make_optimiser(model, LearningRates(), "fine")
+    optimiser = make_optimiser(model, LearningRates(), canonical=False)
     sum(p.square().sum() for p in model.parameters()).backward()  # type: ignore[union-attr]
     optimiser.step()
     return TrainingState("fine", 1, 0.0, model, optimiser, Statistics.zeros(n, 4))
@@ -94,7 +94,9 @@ def test_new_anchors_inherit_from_their_parents_and_moments_follow_their_rows() 
     shared = {p: dict(s) for p, s in state.optimiser.state.items() if len(p) != 5}
     keep = torch.tensor([True, False, True, True, True])
     growth = Growth(torch.ones(2, 3), torch.tensor([0.1, 0.4]), torch.tensor([4, 0]))
-    change_anchors(state, keep, growth)
+    state.statistics = edit_units(
+        state.model, state.optimiser, state.statistics, edit_of(state.model.anchors, keep, growth)
+    )
     after = state.model.anchors
     assert len(after) == 6
     for name in ("feature", *EMBEDDINGS):

@@ -15,7 +15,7 @@ from aa4d.errors import InputError
 from aa4d.evaluation.activity import PooledError, activity_labels
 from aa4d.evaluation.evaluate import Metrics, evaluate
 from aa4d.evaluation.image_metrics import psnr
-from aa4d.model_file import read_tensors
+from aa4d.methods.model_file import read_tensors
 from aa4d.training.trainer import train
 from tests.toy_capture import HEIGHT, WIDTH
 from tests.toy_run import BRIEF, silent

@@ -18,7 +18,7 @@ from aa4d.evaluation.group_error import match
 from aa4d.evaluation.motion import MotionScores, Travels, measure_motion, motion_steps
 from aa4d.evaluation.motion_picture import flow_color
 from aa4d.evaluation.true_motion import TrueMotion, instances_of, read_true_tracks, true_motion
-from aa4d.model_file import LoadedModel, load_model, save_model
+from aa4d.methods.model_file import LoadedModel, load_model, save_model
 from tests.toy_capture import ALTITUDE_M, FOCAL, HEIGHT, WIDTH
 from tests.toy_riders import ride
 
@@ -185,7 +185,7 @@ def test_scores_reach_the_file_the_table_and_a_picture(
     run = tmp_path / "run"
     run.mkdir()
     save_model(
-        run / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
+        run / "model.safetensors", loaded.method, loaded.model, is_static=False, capture=capture, frame=loaded.frame,
         background=loaded.background, training={"seconds": 1.0, "capture_fingerprint": capture.fingerprint},
     )  # fmt: skip
     steps: list[tuple[int, int]] = []

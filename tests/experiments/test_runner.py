@@ -15,9 +15,9 @@ import pytest
 from aa4d.errors import InputError
 from aa4d.experiments.runner import run_experiment, trials_of
 from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
-from aa4d.field.aggregation import AGGREGATIONS
-from aa4d.model import ModelConfig
-from aa4d.training.config import PRESETS, with_iterations
+from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.settings import PRESETS
+from aa4d.methods.settings import with_iterations
 from tests.training.short_run import SHORT
 
 TINY = replace(SHORT, coarse_iterations=4, fine_iterations=4)
@@ -93,10 +93,10 @@ def test_every_variant_is_one_that_training_knows() -> None:
         labels = [variant.label for variant in experiment.variants]
         assert len({label.replace(" ", "-") for label in labels}) == len(labels)
         for variant in experiment.variants:
-            variant.config(PRESETS["quick"])
-            ModelConfig(**variant.model)
+            variant.settings(PRESETS["quick"])
     assert {v.model["aggregation"] for v in ABLATIONS["aggregation"].variants} == set(AGGREGATIONS)
-    assert all(e.variants[0].config(PRESETS["paper"]) == PRESETS["paper"] for e in SWEEPS.values())
+    paper = PRESETS["paper"]
+    assert all(replace(e.variants[0].settings(paper), model=paper.model) == paper for e in SWEEPS.values())
 
 
 def test_a_shorter_schedule_keeps_its_proportions() -> None:

@@ -25,7 +25,7 @@ from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
 from aa4d.export.usd_points import linear
 from aa4d.filming.camera_path import View, path_of_frames, resampled, with_time
 from aa4d.filming.layers import draw
-from aa4d.model_file import LoadedModel, load_model, save_model
+from aa4d.methods.model_file import LoadedModel, load_model, save_model
 from aa4d.motion.tracks import ALWAYS
 from aa4d.raster import rasterize
 from aa4d.raster.types import Camera, Gaussians
@@ -240,8 +240,8 @@ def test_usd_tells_the_groups_apart_and_how_fast_they_go(toy_run: Path, tmp_path
     loaded = riding(toy_run)
     capture = read_capture(toy_run.parent / "capture")
     save_model(
-        tmp_path / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
-        background=loaded.background, training={"seconds": 1.0},
+        tmp_path / "model.safetensors", loaded.method, loaded.model, is_static=False, capture=capture,
+        frame=loaded.frame, background=loaded.background, training={"seconds": 1.0},
     )  # fmt: skip
     stage = usd_of(tmp_path, tmp_path / "out")
     assert stage["names"] == ["car 0", "car 1"]

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from aa4d.errors import InputError
-from aa4d.field.aggregation import AGGREGATIONS, Aggregation, Predicted, Weighted, make_aggregation
-from aa4d.field.geometry import OffsetDeformation, ScaleDeformation
 from aa4d.field.planes import FeaturePlanes, regularisation
 from aa4d.kernels.plane_lookup import AXES, PLANES, interpolate, look_up
 from aa4d.kernels.plane_penalty import plane_penalty
+from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS, Aggregation, Predicted, Weighted, make_aggregation
+from aa4d.methods.adaanchor4d.geometry import OffsetDeformation, ScaleDeformation
 
 
 @pytest.fixture

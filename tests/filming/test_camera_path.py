@@ -22,7 +22,7 @@ from aa4d.filming.camera_path import (
     with_camera,
     with_time,
 )
-from aa4d.model_file import LoadedModel, load_model
+from aa4d.methods.model_file import LoadedModel, load_model
 from tests.toy_capture import viewmat
 
 

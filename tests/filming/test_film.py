@@ -12,7 +12,6 @@ from PIL import Image
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.views import render_frame
-from aa4d.field.aggregation import Weighted, make_aggregation
 from aa4d.filming import layers
 from aa4d.filming.camera_path import path_of_frames, with_camera, with_time
 from aa4d.filming.film import film
@@ -29,7 +28,8 @@ from aa4d.filming.layers import (
     speed_mps,
 )
 from aa4d.filming.video import write_video
-from aa4d.model_file import LoadedModel, load_model
+from aa4d.methods.adaanchor4d.aggregation import Weighted, make_aggregation
+from aa4d.methods.model_file import LoadedModel, load_model
 from aa4d.motion.tracks import ALWAYS
 from tests.toy_capture import ALTITUDE_M
 from tests.toy_riders import ride

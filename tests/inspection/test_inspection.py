@@ -18,7 +18,7 @@ from aa4d.inspection.page import inspect
 from aa4d.inspection.trajectories import FARTHEST_ANCHORS, trajectories
 from aa4d.inspection.warp import stretch
 from aa4d.inspection.weights import spatiotemporal, summary, weights_over_time
-from aa4d.model_file import LoadedModel, load_model, save_model
+from aa4d.methods.model_file import LoadedModel, load_model, save_model
 from aa4d.motion.tracks import ALWAYS
 from tests.toy_capture import square_centre
 from tests.toy_riders import ride
@@ -232,7 +232,7 @@ def test_a_page_of_a_model_with_groups_names_them(run: Path) -> None:
     group[::2] = 1
     ride(loaded, group, shown=(ALWAYS, ALWAYS))
     save_model(
-        run / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
+        run / "model.safetensors", loaded.method, loaded.model, is_static=False, capture=capture, frame=loaded.frame,
         background=loaded.background, training={"seconds": 1.0, "capture_fingerprint": capture.fingerprint},
     )  # fmt: skip
     page, _ = inspect(run, None, run / "inspect", silent)

@@ -8,11 +8,12 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from aa4d.anchors.canonical import Anchors
-from aa4d.model import AdaAnchor4D, ModelConfig
+from aa4d.methods.adaanchor4d.model import AdaAnchor4D
+from aa4d.methods.adaanchor4d.settings import ModelConfig
+from aa4d.methods.rendering import render
 from aa4d.motion.groups import Groups, Pose, carry, pose_of
 from aa4d.motion.tracks import ALWAYS
 from aa4d.raster.types import Camera, Gaussians
-from aa4d.rendering import render
 
 UP = torch.nn.functional.normalize(torch.tensor([0.2, -0.3, 1.0], dtype=torch.float64), dim=0)
 HEADINGS = torch.tensor([2.5, -0.7, 9.0, 0.0], dtype=torch.float64)
@@ -113,7 +114,9 @@ def test_a_trajectory_learned_to_infinity_comes_back_to_its_bound() -> None:
 def riding_model() -> tuple[AdaAnchor4D, Camera]:
     """A world anchor and one that slides along x, before a camera that looks down."""
     torch.manual_seed(0)
-    config = ModelConfig(offsets=2, feature_dim=4, embedding_dim=4, plane_dim=4, spatial_resolutions=(8,))
+    config = ModelConfig(
+        offsets=2, feature_dim=4, embedding_dim=4, plane_dim=4, spatial_resolutions=(8,), temporal_resolution=25
+    )
     anchors = Anchors(torch.tensor([[0.0, 0.3, 0], [0.0, 0, 0]]), torch.full((2, 6), -3.0), 2, 4, 4)
     model = AdaAnchor4D(config, anchors)
     model.ride(make_groups((0.0, 0.1, 2.0, 3.0)), torch.tensor([-1, 0]))
@@ -141,7 +144,7 @@ def test_what_rides_is_drawn_where_its_trajectory_is() -> None:
         assert model.groups is not None
         expected = model.groups.pose(t).position[0]
         torch.testing.assert_close(drawn.means[2:], expected.expand(2, 3) + model.anchors.offset[1])
-        torch.testing.assert_close(model.centres(t)[1], expected)
+        torch.testing.assert_close(model.centers(t)[1], expected)
 
 
 def test_a_ride_does_not_change_how_a_mover_looks_from_its_own_side() -> None:

@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from aa4d.capture.reader import read_capture
-from aa4d.training.config import PRESETS, Densification, MotionSettings, TrainingConfig
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings, Densification
+from aa4d.methods.settings import MotionSettings
 from aa4d.training.trainer import train
 
-SHORT = TrainingConfig(
+SHORT = AdaAnchor4DSettings(
     preset="test",
     coarse_iterations=30,
     fine_iterations=40,

@@ -11,16 +11,16 @@ import torch
 from torch import Tensor, nn
 from torch._subclasses.fake_tensor import FakeTensorMode
 
-from aa4d import rendering
 from aa4d.anchors.densification import Statistics
 from aa4d.capture.reader import read_capture
 from aa4d.device import choose_device
 from aa4d.errors import InputError
 from aa4d.evaluation.views import view_of_frame
-from aa4d.field.warping import density_adaptive_boundaries
-from aa4d.model import ModelConfig
-from aa4d.model_file import load_model
+from aa4d.methods.adaanchor4d.settings import ModelConfig
+from aa4d.methods.adaanchor4d.warping import density_adaptive_boundaries
+from aa4d.methods.model_file import load_model
 from aa4d.raster.types import Camera, Gaussians, Rendering
+from aa4d.training.frames import training_frames
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.trainer import Run, train
 from tests.training.short_run import SHORT
@@ -52,19 +52,22 @@ def moved(module: nn.Module, device: torch.device) -> nn.Module:
 def test_what_a_training_step_computes_mixes_no_devices(
     toy_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
-    monkeypatch.setattr(rendering, "rasterize", blurred)
-    monkeypatch.setattr(rendering, "in_view", lambda position, *_: torch.arange(len(position), device=position.device))
+    monkeypatch.setattr("aa4d.methods.rendering.rasterize", blurred)
+    monkeypatch.setattr(
+        "aa4d.methods.scene_model.in_view", lambda position, *_: torch.arange(len(position), device=position.device)
+    )
     monkeypatch.setattr(nn.Module, "to", moved)
     capture = read_capture(toy_capture)
     with FakeTensorMode(allow_non_fake_inputs=True):
-        run = Run(capture, tmp_path, SHORT, ModelConfig(spatial_resolutions=(4,), temporal_resolution=4), OTHER)
+        settings = replace(SHORT, model=ModelConfig(spatial_resolutions=(4,), temporal_resolution=4))
+        run = Run(training_frames(capture, OTHER), tmp_path, settings)
         state = run.initial_state()
         state.stage = stage
-        state.optimiser = make_optimiser(state.model, SHORT.rates, stage)
+        state.optimiser = make_optimiser(state.model, SHORT.rates, canonical=stage == "coarse")
         set_rates(state.optimiser, 0.5)
-        view = run.views[0]
-        rendered = run._render(state, view)
-        loss, squared_error = run._loss(state.model, stage, rendered, view.target())
+        rendered, loss, squared_error = run._view_loss(state, run.schedule[stage], 0)
+        if (penalty := run.method.penalty(run.schedule[stage], state.model, settings)) is not None:
+            loss = loss + penalty
         loss.backward()
         state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering)
         u = state.model.field.normalise(state.model.anchors.position)

@@ -11,7 +11,7 @@ import torch
 
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
-from aa4d.model_file import load_model
+from aa4d.methods.model_file import load_model
 from aa4d.training.history import COLUMNS
 from aa4d.training.run_folder import claimed
 from aa4d.training.trainer import train

@@ -12,10 +12,11 @@ from scipy.linalg import expm
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import Interrupted
-from aa4d.model import ModelConfig
-from aa4d.model_file import load_model
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings, Densification
+from aa4d.methods.model_file import load_model
+from aa4d.methods.settings import Decay
 from aa4d.raster.types import Camera
-from aa4d.training.config import PRESETS, Decay, Densification, TrainingConfig
+from aa4d.training.frames import training_frames
 from aa4d.training.poses import (
     PoseRefinement,
     cross_matrix,
@@ -156,7 +157,7 @@ def test_held_out_cameras_take_what_their_neighbours_in_time_have(toy_capture: P
     assert result.frames[0].viewmat[0, 3] - capture.frames[0].viewmat[0, 3] == pytest.approx(2.0 * capture.frames[1].t)
 
 
-LEARNING = TrainingConfig(
+LEARNING = AdaAnchor4DSettings(
     preset="test",
     coarse_iterations=250,
     fine_iterations=20,
@@ -205,9 +206,10 @@ def test_noisy_cameras_come_nearer_to_the_truth(toy_capture: Path, tmp_path: Pat
 
 def test_off_by_default_and_without_a_trace(toy_capture: Path, tmp_path: Path) -> None:
     config = replace(LEARNING, refine_poses=False, coarse_iterations=3, fine_iterations=3)
-    run = Run(read_capture(toy_capture), tmp_path / "run", config, ModelConfig())
+    config = replace(config, model=replace(config.model, temporal_resolution=4))
+    run = Run(training_frames(read_capture(toy_capture), torch.device("cpu")), tmp_path / "run", config)
     assert run.initial_state().poses is None
-    assert not TrainingConfig("x", 1, 1).refine_poses
+    assert not AdaAnchor4DSettings(preset="x", coarse_iterations=1, fine_iterations=1).refine_poses
 
 
 def test_interrupted_and_continued_equals_uninterrupted_with_poses(toy_capture: Path, tmp_path: Path) -> None:

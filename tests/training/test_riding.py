@@ -10,10 +10,10 @@ import torch
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.model_file import load_model
+from aa4d.methods.model_file import load_model
+from aa4d.methods.settings import MotionSettings
 from aa4d.motion.tracks_file import load_tracks, save_tracks, tracks_path
 from aa4d.motion.truth import truth_tracks
-from aa4d.training.config import MotionSettings
 from aa4d.training.riding import membership_loss
 from aa4d.training.trainer import train
 from tests.toy_capture import square_centre, write_toy_capture

@@ -14,7 +14,7 @@ from PIL import Image
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.model_file import load_model
+from aa4d.methods.model_file import load_model
 from aa4d.training.trainer import train
 from tests.toy_capture import write_toy_capture
 from tests.training.short_run import SHORT
@@ -49,7 +49,7 @@ def test_the_fine_stage_learns_what_moves(trained: tuple[Path, Path]) -> None:
     written = json.loads((run / "metrics.json").read_text())
     assert written["psnr"] == metrics.psnr
     assert metrics.neural_mib * 2**20 == 4 * sum(
-        p.numel() for p in load_model(run / "model.safetensors").model.networks_and_planes()
+        p.numel() for p in load_model(run / "model.safetensors").model.shared_tensors()
     )
     picture = np.asarray(Image.open(run / "eval/000008.png"))
     assert picture.shape == (32, 48, 3)

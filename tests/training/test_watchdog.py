@@ -9,8 +9,10 @@ from safetensors import safe_open
 
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
+from aa4d.methods.adaanchor4d.method import AdaAnchor4DMethod
+from aa4d.methods.adaanchor4d.settings import LearningRates
+from aa4d.methods.settings import Decay
 from aa4d.training import trainer
-from aa4d.training.config import Decay, LearningRates
 from aa4d.training.trainer import train
 from tests.training.short_run import OFTEN_SAVED, SHORT
 
@@ -61,7 +63,7 @@ def test_a_gradient_that_nothing_shows_is_found_at_the_next_checkpoint_and_trace
 def test_a_loss_without_a_culprit_blames_the_input(
     toy_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loss = trainer.Run._loss
-    monkeypatch.setattr(trainer.Run, "_loss", lambda *a: (loss(*a)[0] * torch.nan, torch.zeros(())))
+    loss = AdaAnchor4DMethod.image_loss
+    monkeypatch.setattr(AdaAnchor4DMethod, "image_loss", lambda *a: (loss(*a)[0] * torch.nan, torch.zeros(())))
     with pytest.raises(InputError, match=r"in the loss at coarse iteration 1; check the poses .* nothing is kept"):
         train(read_capture(toy_capture), tmp_path / "run", SHORT, silent)

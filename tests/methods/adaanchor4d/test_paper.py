@@ -8,8 +8,9 @@ import torch
 
 from aa4d.anchors.canonical import Anchors
 from aa4d.field.mlp import TwoLayer
-from aa4d.field.warping import density_adaptive_boundaries
-from aa4d.model import AdaAnchor4D, ModelConfig
+from aa4d.methods.adaanchor4d.model import AdaAnchor4D, embeddings_of
+from aa4d.methods.adaanchor4d.settings import ModelConfig
+from aa4d.methods.adaanchor4d.warping import density_adaptive_boundaries
 from aa4d.raster.types import Camera, Gaussians
 
 CONFIG = ModelConfig(
@@ -41,7 +42,7 @@ def random_model(config: ModelConfig, anchors: int = 5) -> AdaAnchor4D:
             c.offsets,
             c.feature_dim,
             c.embedding_dim,
-            embeddings=c.embeddings(),
+            embeddings=embeddings_of(c),
             embedding_std=1.0,
         ),
     ).double()

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 from torch import Tensor
 
-from aa4d.anchors.visibility import in_view
-from aa4d.model import AdaAnchor4D
+from aa4d.methods.scene_model import SceneModel
 from aa4d.raster import rasterize
 from aa4d.raster.types import Camera, Gaussians, Output, Rendering
 
@@ -16,28 +15,27 @@ from aa4d.raster.types import Camera, Gaussians, Output, Rendering
 @dataclass(frozen=True)
 class Rendered:
     rendering: Rendering
-    gaussians: Gaussians  # K for each visible anchor
-    visible: Tensor  # [M] the anchors that were deformed and decoded
+    gaussians: Gaussians  # those of each visible unit together
+    visible: Tensor  # [M] the units that were deformed and decoded
 
 
 def render(
-    model: AdaAnchor4D,
+    model: SceneModel,
     t: float | None,
     camera: Camera,
     background: Tensor,
     *,
     outputs: Collection[Output] = (),
-    anchor_features: Tensor | None = None,
+    unit_features: Tensor | None = None,
 ) -> Rendered:
     """One image at time t in [0, 1], or of the canonical scene at t = None; `camera` stands in the model frame.
 
     Args:
         outputs: what the rasteriser is asked for besides.
-        anchor_features: [N, F] anything to draw with the anchors, F at most 32: it becomes `Rendering.features`.
+        unit_features: [N, F] anything to draw with the units, F at most 32: it becomes `Rendering.features`.
     """
-    visible = in_view(model.resting(t), camera, model.present(t))
+    visible = model.visible(t, camera)
     gaussians = model.gaussians(t, camera, visible)
-    if anchor_features is not None:
-        offsets = model.anchors.offset.shape[1]
-        gaussians = replace(gaussians, features=anchor_features[visible].repeat_interleave(offsets, 0))
+    if unit_features is not None:
+        gaussians = replace(gaussians, features=unit_features[visible].repeat_interleave(model.per_unit, 0))
     return Rendered(rasterize(gaussians, camera, background=background, outputs=outputs), gaussians, visible)

@@ -29,18 +29,19 @@ from aa4d.capture.reader import (
     pinhole_camera,
 )
 from aa4d.errors import InputError
-from aa4d.field.aggregation import AGGREGATIONS
-from aa4d.field.warping import CoordinateWarp
 from aa4d.files import whole_file
-from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
+from aa4d.methods import DEFAULT, METHODS, method_of
+from aa4d.methods.anchor_model import AnchorModel
+from aa4d.methods.contract import Method
+from aa4d.methods.scene_model import SceneModel
+from aa4d.methods.tensors import tensor_of
 from aa4d.motion.groups import Groups, blank_groups
 from aa4d.motion.spline import FEWEST_CONTROLS
 
-MODEL_VERSION = 2  # the newest that is read; what no reader of version 1 would miss is still written as 1
+MODEL_VERSION = 3  # the newest that is read; a file has the lowest version whose readers understand it whole
 # docs/formats.md, "What readers refuse": the limits that the extension holds as well.
+METHODS_VERSION = 3  # the first of other methods than the default one
 LONGEST_NAME = 200  # characters, of a group's name
-LARGEST_SIZE = 4096  # of what the header's config counts, and of a layer
-UNIFORM_TOLERANCE = 1e-6  # of boundaries without DACW
 FARTHEST_MODEL_M = 2 * FARTHEST_M  # learning moves anchors on from points that a capture holds within `FARTHEST_M`
 
 
@@ -49,9 +50,10 @@ class LoadedModel:
     """A model and what of its header evaluation needs, checked."""
 
     path: Path
-    model: AdaAnchor4D
+    method: str  # a name in `aa4d.methods.METHODS`
+    model: SceneModel
     frame: ModelFrame
-    is_static: bool  # the coarse stage: the canonical anchors hold at every time
+    is_static: bool  # of a canonical stage: the same at every time
     background: tuple[float, float, float]
     training_seconds: float
     capture_fingerprint: str | None
@@ -61,52 +63,25 @@ class LoadedModel:
     frames: tuple[Frame, ...]
 
 
-def file_name_of(parameter: str) -> str:
-    """The tensor's name in the file for a name in the module's state."""
-    return parameter.replace("decoder.", "decoder_", 1).replace("aggregation.predictor.", "acfa.", 1)
-
-
-def _is_plane(parameter: str) -> bool:
-    return parameter.startswith("field.planes.")
-
-
-def as_in_file(parameter: str, value: Tensor) -> Tensor:
-    """A plane is [C, R2, R1] in the file, and every tensor is float32."""
-    return (value.permute(2, 0, 1) if _is_plane(parameter) else value).float()
-
-
-def _as_in_model(parameter: str, value: Tensor) -> Tensor:
-    return value.permute(1, 2, 0) if _is_plane(parameter) and value.dim() == 3 else value
-
-
 def save_model(
     path: Path,
-    model: AdaAnchor4D,
+    method: str,
+    model: SceneModel,
     *,
-    stage: str,
+    is_static: bool,
     capture: Capture,
     frame: ModelFrame,
     background: tuple[float, float, float],
     training: dict[str, Any],
 ) -> None:
-    c = model.config
-    groups = model.groups
+    groups, its = model.groups, method_of(method)
     header = {
         "format": "aa4d-model",
-        "version": 1 if groups is None else 2,
+        "version": 3 if method != DEFAULT else 1 if groups is None else 2,
         "generator": f"aa4d {__version__}",
-        "stage": stage,
-        "config": {
-            "offsets": c.offsets,
-            "feature_dim": c.feature_dim,
-            "embedding_dim": c.embedding_dim,
-            "plane_dim": c.plane_dim,
-            "levels": len(c.spatial_resolutions),
-            "bins": c.bins,
-            "aggregation": c.aggregation,
-            "dlgd": c.dlgd,
-            "dacw": c.dacw,
-        },
+        "method": method,
+        "stage": "coarse" if is_static else "fine",
+        "config": its.header(model),
         "model_to_world": frame.matrix().tolist(),
         "fps": capture.fps,
         "camera": capture.camera.as_json(),
@@ -117,8 +92,8 @@ def save_model(
     }
     if groups is not None:
         header["groups"] = [{"name": name} for name in groups.names]
-    tensors = {file_name_of(name): as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
-    _write(path, tensors, header)
+    state = model.state_dict()
+    _write(path, {its.file_name(name): its.to_file(name, v).contiguous() for name, v in state.items()}, header)
 
 
 def copy_model(source: Path, target: Path) -> None:
@@ -133,28 +108,23 @@ def copy_model(source: Path, target: Path) -> None:
 def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     """Raises InputError: absent, cut short, not safetensors, of a newer version, or not a whole model."""
     header, tensors = read_tensors(path)
-    config = _config(header, tensors, path)
-    n = len(_tensor(tensors, "anchors.position", path))
-    model = blank_model(config, n, _groups(header, tensors, path))
-    state = {name: _as_in_model(name, _tensor(tensors, file_name_of(name), path)) for name in model.state_dict()}
-    for name, value in state.items():
-        if not torch.isfinite(value).all():
-            raise InputError(f"{path}: tensor {file_name_of(name)!r} holds NaN or infinity; train the model again")
-    if model.groups is not None:
-        state["anchors.group"] = _membership(state["anchors.group"], len(model.groups), path)
-        _check_groups(state, path)
-    try:
-        model.load_state_dict(state)
-    except RuntimeError as error:
-        reason = str(error).splitlines()[-1].strip()
-        raise InputError(f"{path}: the tensors do not fit the header's configuration ({reason})") from None
-    uneven = (model.warp.boundaries - CoordinateWarp(config.bins).boundaries).abs().max() > UNIFORM_TOLERANCE
-    if not config.dacw and uneven:
-        raise InputError(f"{path}: the header says dacw false, but warp.boundaries are not uniform; train it again")
+    method = _method(header, path)
+    if not isinstance(header.get("config"), dict):
+        raise InputError(f"{path}: the header's config is wrong (no object); train the model again")
+    model = method.blank_of_file(header["config"], tensors, path)
+    if not len(model):
+        raise InputError(f"{path}: holds nothing to draw; train the model again")
+    if (groups := _groups(header, tensors, path)) is not None:
+        if not isinstance(model, AnchorModel):
+            raise InputError(f"{path}: holds rigid groups, on which nothing of method {method.name!r} rides")
+        model.ride(groups, torch.zeros(len(model), dtype=torch.long))
+    _load_state(model, method, tensors, path)
+    method.check(model, path)
     try:
         _check_places(model, _frame(header["model_to_world"]), path)
         return LoadedModel(
             path=path,
+            method=method.name,
             model=model.to(device).eval(),
             frame=_frame(header["model_to_world"]),
             is_static={"coarse": True, "fine": False}[header["stage"]],
@@ -199,58 +169,38 @@ def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     return header, tensors
 
 
-def _config(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> ModelConfig:
-    """Sizes that the header does not state stand in the tensors' shapes."""
+def _method(header: dict[str, Any], path: Path) -> Method[Any]:
+    """The default one for a file of before there were several."""
+    name = header.get("method", DEFAULT)
+    if not isinstance(name, str) or name not in METHODS:
+        raise InputError(f"{path}: method {name!r} is unknown (known: {', '.join(METHODS)}); update aa4d")
+    if name != DEFAULT and header["version"] < METHODS_VERSION:
+        raise InputError(f"{path}: version {header['version']} knows no method {name!r}; train the model again")
+    return method_of(name)
+
+
+def _load_state(model: SceneModel, method: Method[Any], tensors: dict[str, Tensor], path: Path) -> None:
+    state = {}
+    for name in model.state_dict():
+        value = method.from_file(name, tensor_of(tensors, method.file_name(name), path))
+        if not torch.isfinite(value).all():
+            raise InputError(f"{path}: tensor {method.file_name(name)!r} holds NaN or infinity; train the model again")
+        state[name] = value
+    if model.groups is not None:
+        state["anchors.group"] = _membership(state["anchors.group"], len(model.groups), path)
+        _check_groups(state, path)
     try:
-        value = header["config"]
-        if not isinstance(value, dict):
-            raise TypeError("config is no object")
-        for name in ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins"):
-            # A damaged one must not fill the memory.
-            if type(value[name]) is not int or not 1 <= value[name] <= LARGEST_SIZE:
-                raise ValueError(f"{name} is {value[name]}")
-        aggregation = value.get("aggregation", "acfa")
-        if aggregation not in AGGREGATIONS:
-            raise InputError(
-                f"{path}: aggregation {aggregation!r} is unknown (known: {', '.join(AGGREGATIONS)}); update aa4d"
-            )
-        dlgd, dacw = _switch(value, "dlgd", path), _switch(value, "dacw", path)
-        has_predictor = "acfa.hidden.bias" in tensors
-        levels = range(int(value["levels"]))
-        planes = [_tensor(tensors, f"field.planes.{level}.xt", path) for level in levels]
-        if not len(_tensor(tensors, "anchors.position", path)):
-            raise InputError(f"{path}: holds no anchors; train the model again")
-        config = ModelConfig(
-            offsets=int(value["offsets"]),
-            feature_dim=int(value["feature_dim"]),
-            embedding_dim=int(value["embedding_dim"]),
-            plane_dim=int(value["plane_dim"]),
-            spatial_resolutions=tuple(p.shape[2] for p in planes),
-            temporal_resolution=planes[0].shape[1],
-            dlgd=dlgd,
-            dacw=dacw,
-            bins=int(value["bins"]),
-            weight_hidden=len(tensors["acfa.hidden.bias"]) if has_predictor else ModelConfig.weight_hidden,
-            geometry_hidden=len(_tensor(tensors, "dlgd_scale.hidden.bias", path))
-            if dlgd
-            else ModelConfig.geometry_hidden,
-            encoder_width=len(_tensor(tensors, "encoder.bias", path)),
-            decoder_hidden=len(_tensor(tensors, "decoder_opacity.hidden.bias", path)),
-            aggregation=aggregation,
-        )
-        widths = config.weight_hidden, config.geometry_hidden, config.encoder_width, config.decoder_hidden
-        if max(widths) > LARGEST_SIZE:
-            raise ValueError(f"a layer is wider than {LARGEST_SIZE}")
-        return config
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: the header's config is wrong ({error!r}); train the model again") from None
+        model.load_state_dict(state)
+    except RuntimeError as error:
+        reason = str(error).splitlines()[-1].strip()
+        raise InputError(f"{path}: the tensors do not fit the header's configuration ({reason})") from None
 
 
 def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Groups | None:
     """Blank ones of the file's shapes; None for a file without."""
-    if header["version"] < 2:
-        if "anchors.group" in tensors:
-            raise InputError(f"{path}: version 1 knows no rigid groups, but the file holds some; train the model again")
+    if header["version"] < 2 and "anchors.group" in tensors:
+        raise InputError(f"{path}: version 1 knows no rigid groups, but the file holds some; train the model again")
+    if header["version"] < 2 or (header["version"] > 2 and "groups" not in header):
         return None
     try:
         names = tuple(group["name"] for group in header["groups"])
@@ -258,7 +208,7 @@ def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> G
             raise TypeError(f"a name is not a text of at most {LONGEST_NAME} characters")
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: the header's groups are damaged ({error!r}); train the model again") from None
-    position = _tensor(tensors, "groups.position", path)
+    position = tensor_of(tensors, "groups.position", path)
     if position.dim() != 3 or position.shape[0] != len(names) or position.shape[1] < FEWEST_CONTROLS:
         raise InputError(
             f"{path}: groups.position has shape {tuple(position.shape)}, expected [{len(names)}, C, 3] with C of at "
@@ -280,14 +230,6 @@ def _check_groups(state: dict[str, Tensor], path: Path) -> None:
         raise InputError(f"{path}: groups.up is {up.tolist()}, expected a unit vector; train the model again")
     if shown.shape[-1] != 4 or (shown.diff(dim=-1) < 0).any():
         raise InputError(f"{path}: groups.shown holds times that go back; train the model again")
-
-
-def _switch(config: dict[str, Any], name: str, path: Path) -> bool:
-    """A part of the model that can be off; a file that does not say has it."""
-    value = config.get(name, True)
-    if not isinstance(value, bool):
-        raise InputError(f"{path}: config.{name} is {value!r}, expected true or false; train the model again")
-    return value
 
 
 def _frame(value: Any) -> ModelFrame:
@@ -318,24 +260,14 @@ def _seconds(training: dict[str, Any], path: Path) -> float:
     return seconds
 
 
-def _check_places(model: AdaAnchor4D, frame: ModelFrame, path: Path) -> None:
-    """The field's box and warp go forward, and nothing stands outside of a local world."""
-    if (model.field.box[1] < model.field.box[0]).any():
-        raise InputError(f"{path}: field.box has its upper corner below its lower corner; train the model again")
-    if (model.warp.boundaries.diff(dim=1) < 0).any():
-        raise InputError(f"{path}: warp.boundaries decrease along an axis; train the model again")
-    places = [model.anchors.position]
+def _check_places(model: SceneModel, frame: ModelFrame, path: Path) -> None:
+    """Raises InputError where something stands outside of a local world."""
+    places = [model.resting(None)]
     if model.groups is not None:
         places += [model.groups.position.reshape(-1, 3), model.groups.reference[:, :3]]
     reach = np.abs(torch.cat(places).detach().double().numpy() * frame.unit_m + frame.origin_m).max()
-    if reach > FARTHEST_MODEL_M:
-        raise InputError(f"{path}: places something {reach:.0f} m from the origin, over {FARTHEST_MODEL_M:g} m")
-
-
-def _tensor(tensors: dict[str, Tensor], name: str, path: Path) -> Tensor:
-    if name not in tensors:
-        raise InputError(f"{path}: tensor {name!r} is missing; train the model again")
-    return tensors[name].float()
+    if not reach <= FARTHEST_MODEL_M:
+        raise InputError(f"{path}: places something {reach:.3g} m from the origin, over {FARTHEST_MODEL_M:g} m")
 
 
 def _relative(target: Path, start: Path) -> str:

@@ -14,9 +14,10 @@ from aa4d.anchors.canonical import Anchors
 from aa4d.capture.frame import frame_of
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
-from aa4d.field.aggregation import AGGREGATIONS
-from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
-from aa4d.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model
+from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.model import AdaAnchor4D, blank_model
+from aa4d.methods.adaanchor4d.settings import ModelConfig
+from aa4d.methods.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model
 from aa4d.motion.groups import Groups
 
 CONFIG = ModelConfig(offsets=3, plane_dim=4, spatial_resolutions=(5, 9), temporal_resolution=6)
@@ -26,8 +27,9 @@ def write_model(path: Path, model: AdaAnchor4D, capture_folder: Path) -> Path:
     capture = read_capture(capture_folder)
     save_model(
         path,
+        "adaanchor4d",
         model,
-        stage="fine",
+        is_static=False,
         capture=capture,
         frame=frame_of(capture),
         background=(0.1, 0.2, 0.3),
@@ -74,7 +76,7 @@ def test_tensor_names_and_shapes_are_those_of_the_documented_format(model_path: 
     assert shapes["warp.boundaries"] == (3, 65)
     assert shapes["acfa.output.weight"] == (6 * 4, 256)
     assert shapes["decoder_covariance.output.weight"] == (21, 32)
-    documented = (Path(__file__).parent.parent / "docs/formats.md").read_text()
+    documented = (Path(__file__).parents[2] / "docs/formats.md").read_text()
     for name in shapes:
         assert name.split(".")[0] in documented
 
@@ -209,8 +211,9 @@ def test_a_failed_write_leaves_the_old_file(model_path: Path, toy_capture: Path)
     with pytest.raises(ValueError, match="not JSON compliant"):
         save_model(
             model_path,
+            "adaanchor4d",
             model,
-            stage="fine",
+            is_static=False,
             capture=replace(capture, fps=float("nan")),
             frame=frame_of(capture),
             background=(0, 0, 0),

@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter1d
 
-from aa4d.field.warping import CoordinateWarp, density_adaptive_boundaries
+from aa4d.methods.adaanchor4d.warping import CoordinateWarp, density_adaptive_boundaries
 
 
 def boundaries(

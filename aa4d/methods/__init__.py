@@ -1,0 +1,26 @@
+"""The methods: one folder and one entry each. Nothing outside of this room knows any of them by name."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from aa4d.errors import InputError
+
+if TYPE_CHECKING:
+    from aa4d.methods.contract import Method
+
+# The folder of each, by its name; imported on first use, so that the command line starts without torch.
+METHODS: dict[str, str] = {
+    "adaanchor4d": "aa4d.methods.adaanchor4d",
+    "fourdgs": "aa4d.methods.fourdgs",
+}
+DEFAULT = "adaanchor4d"
+
+
+def method_of(name: str) -> Method[Any]:
+    """The `METHOD` of a folder's module `method`. Raises InputError for a name that is not in `METHODS`."""
+    if name not in METHODS:
+        raise InputError(f"method {name!r} is unknown; choose one of {', '.join(METHODS)}")
+    method: Method[Any] = import_module(f"{METHODS[name]}.method").METHOD
+    return method

@@ -1,0 +1,1 @@
+"""AdaAnchor4D: the paper's method."""

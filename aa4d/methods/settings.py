@@ -1,0 +1,105 @@
+"""Settings that every method has; a method's own stand in its folder, in a dataclass that extends `RunSettings`.
+
+[paper] is stated there. [Scaffold-GS], [4D-GS] and [MoDec-GS] are the values of those methods' published code, the
+paper's own base and its nearest neighbours. [swept] was compared with other values by `aa4d sweep`: the tables are in
+docs/training.md. [chosen] was settled here without such a table. Learning rates and sizes hold in the model frame
+(aa4d/capture/frame.py), where the scene is at unit depth: none of them depends on metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, TypeVar
+
+
+@dataclass(frozen=True)
+class Decay:
+    """A learning rate that falls exponentially from `initial` to `final` over its stage."""
+
+    initial: float
+    final: float
+
+    def at(self, progress: float) -> float:
+        """progress in [0, 1]"""
+        return float(self.initial * (self.final / self.initial) ** progress)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommonRates:
+    """One learning rate for each parameter group, by its name; a method adds its own groups."""
+
+    tracks: Decay = Decay(2e-4, 2e-5)  # [chosen] model units: a hundredth of a pixel's width at focal length 250
+    heading: Decay = Decay(2e-3, 2e-4)  # [chosen] radians: what turns a car's ends by as much
+    poses: Decay = Decay(2e-3, 2e-5)  # [chosen] radians and model units; falls over all stages
+
+
+@dataclass(frozen=True, kw_only=True)
+class DensitySchedule:
+    """When units come and go. Iterations count within a stage."""
+
+    statistics_from: int = 500
+    start: int = 1500
+    interval: int = 100
+    until: int = 15000
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """Rigid groups of anchors that ride on the tracks of movers: beyond the paper (docs/motion.md)."""
+
+    tracks: str = "auto"  # where they come from: a name in aa4d/training/riding.py, or "truth"
+    clean_iterations: int = 400  # [chosen] of the static stage, once more without what seems to move
+    voxel_px: float = 2.0  # [chosen] edge of a rider's finest voxel, in pixels at unit depth
+    learn_from: float = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
+    farthest_px: float = 6.0  # [chosen] that a control point may move from where it was found
+    largest_turn: float = 0.35  # [chosen] radians, likewise
+    # [swept] of the field where anchors ride: with nothing left to chase it may be calm, and learns instants less.
+    time_smoothness: float = 0.1
+    time_constancy: float = 1e-3
+    membership: float = 0.1  # [swept] weight of the share of riders that a pixel shows against the movers' masks
+
+    @property
+    def needs_static(self) -> bool:
+        """Whether tracks are found on a static scene; the truth is known before there is one."""
+        return self.tracks != "truth"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """What training asks of any method's settings. `method` is its name in `aa4d.methods.METHODS`."""
+
+    method: ClassVar[str]
+
+    preset: str
+    coarse_iterations: int  # of the canonical scene, in which nothing moves
+    fine_iterations: int
+    seed: int = 0
+    checkpoint_every: int = 500  # iterations; a killed run repeats at most so many
+    refine_poses: bool = False  # learn the training cameras' poses with the scene
+    motion: MotionSettings | None = None  # None: nothing rides
+    rates: CommonRates
+    densification: DensitySchedule
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnchorSettings(RunSettings):
+    """Of a method whose units are anchors: they can ride on rigid groups."""
+
+    voxel_px: float = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
+    embedding_std: float = 0.0  # of the anchors' embeddings at the start, where the method has any
+
+
+Settings = TypeVar("Settings", bound=RunSettings)
+
+
+def with_iterations(settings: Settings, coarse: int, fine: int) -> Settings:
+    """The same over another number of iterations; when units come and go scales with the fine stage's."""
+    share = fine / settings.fine_iterations
+    d = settings.densification
+    window: dict[str, Any] = {n: round(getattr(d, n) * share) for n in ("statistics_from", "start", "until")}
+    return replace(settings, coarse_iterations=coarse, fine_iterations=fine, densification=replace(d, **window))
+
+
+def temporal_resolution(frames: int) -> int:
+    """Rows of a time plane: half the number of frames, as 4D-GS advises, within what its configurations use."""
+    return min(max(round(frames / 2), 25), 150)
