@@ -1,7 +1,6 @@
 """The model file: its metadata and tensors, checked (docs/formats.md, "The model file", versions 1 and 2)."""
 
 import json
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,13 +8,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .container import Entry, Floats, ModelFileError, read_header, read_tensors
 from .groups import FEWEST_CONTROLS, Groups
+from .header import (
+    FARTHEST_M,
+    FASTEST_FPS,
+    LONGEST_NAME,
+    Camera,
+    Doubles,
+    array,
+    integer,
+    number,
+    pinhole,
+    poses_and_images,
+    require,
+)
 from .names import PLANES
-
-Doubles = npt.NDArray[np.float64]
 
 VERSION = 2  # the newest that is read
 METHOD = "adaanchor4d"
@@ -29,14 +38,9 @@ WEIGHTED: dict[str, tuple[str | None, bool]] = {
 AGGREGATIONS = (*WEIGHTED, "mean", "product")
 # docs/formats.md, "What readers refuse": the limits that aa4d holds as well.
 WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
-LONGEST_NAME = 200  # characters of a group's name, bytes of a frame's
 UNIT_TOLERANCE = 1e-3  # of the length of `groups.up`
 UNIFORM_TOLERANCE = 1e-6  # of boundaries without DACW
-FARTHEST_M = 10_000.0  # a world has a local origin; beyond 10 km float32 loses millimetres
 FARTHEST_MODEL_M = 2 * FARTHEST_M  # learning moves anchors on from points that a capture holds within `FARTHEST_M`
-MOST_PX = 16_384  # along a side
-LARGEST_K = 1e6  # pixels
-FASTEST_FPS = 1000.0
 
 
 @dataclass(frozen=True)
@@ -52,15 +56,6 @@ class Config:
     aggregation: str
     dlgd: bool
     dacw: bool
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A pinhole camera: pixels, OpenCV axes, the centre of pixel (i, j) at (i + 0.5, j + 0.5)."""
-
-    width: int
-    height: int
-    K: Doubles  # [3, 3]
 
 
 @dataclass(frozen=True)
@@ -137,21 +132,21 @@ def read_model(path: str | os.PathLike[str]) -> Model:
             "update the add-on."
         )
     try:
-        _require(information.get("method", METHOD) == METHOD, f"method must be {METHOD} before version {VERSION + 1}")
+        require(information.get("method", METHOD) == METHOD, f"method must be {METHOD} before version {VERSION + 1}")
         static = {"coarse": True, "fine": False}[information["stage"]]
         config = _config(information["config"])
         scale, translation = _similarity(information["model_to_world"])
-        fps = _number(information["fps"], "fps")
-        _require(0 < fps <= FASTEST_FPS, f"fps must lie in (0, {FASTEST_FPS:g}]")
-        camera = _camera(information["camera"])
-        viewmats, images = _frames(information["frames"])
-        background = _array(information["background"], (3,), "background")
-        _require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
-        _require(_number(information["training"]["seconds"], "training.seconds") >= 0, "training.seconds is negative")
+        fps = number(information["fps"], "fps")
+        require(0 < fps <= FASTEST_FPS, f"fps must lie in (0, {FASTEST_FPS:g}]")
+        camera = pinhole(information["camera"])
+        viewmats, images = poses_and_images(information["frames"])
+        background = array(information["background"], (3,), "background")
+        require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
+        require(number(information["training"]["seconds"], "training.seconds") >= 0, "training.seconds is negative")
         capture = information["capture"]
-        _require(capture is None or isinstance(capture, str), "capture must be a path or null")
+        require(capture is None or isinstance(capture, str), "capture must be a path or null")
         group_names = _group_names(information["groups"]) if version >= GROUPED else None
-        _require(group_names is not None or "anchors.group" not in header.entries, "version 1 knows no groups")
+        require(group_names is not None or "anchors.group" not in header.entries, "version 1 knows no groups")
     except KeyError as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata lacks or misspells {error}.") from error
     except (TypeError, AttributeError) as error:
@@ -178,102 +173,39 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     )
 
 
-def _require(condition: Any, problem: str) -> None:
-    if not condition:
-        raise ValueError(problem)
-
-
-def _number(value: Any, name: str) -> float:
-    _require(type(value) in (int, float) and math.isfinite(value), f"{name} must be a finite number")
-    return float(value)
-
-
-def _integer(value: Any, name: str, largest: int) -> int:
-    _require(type(value) is int and 1 <= value <= largest, f"{name} must be a whole number from 1 to {largest}")
-    return int(value)
-
-
-def _array(value: Any, shape: tuple[int, ...], name: str) -> Doubles:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.empty(0)
-    _require(array.shape == shape and np.isfinite(array).all(), f"{name} must be finite numbers of shape {list(shape)}")
-    return array
-
-
 def _config(value: Any) -> Config:
     aggregation = value.get("aggregation", "acfa")
-    _require(
+    require(
         aggregation in AGGREGATIONS,
         f"aggregation {aggregation!r} is unknown; this add-on knows {', '.join(AGGREGATIONS)}",
     )
     switches = {name: value.get(name, True) for name in ("dlgd", "dacw")}
     for name, switch in switches.items():
-        _require(type(switch) is bool, f"config.{name} must be true or false")
+        require(type(switch) is bool, f"config.{name} must be true or false")
     names = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins")
-    sizes = {name: _integer(value[name], f"config.{name}", WIDEST) for name in names}
+    sizes = {name: integer(value[name], f"config.{name}", WIDEST) for name in names}
     return Config(**sizes, aggregation=aggregation, dlgd=switches["dlgd"], dacw=switches["dacw"])
 
 
 def _similarity(value: Any) -> tuple[float, Doubles]:
-    matrix = _array(value, (4, 4), "model_to_world")
+    matrix = array(value, (4, 4), "model_to_world")
     scale = matrix[0, 0]
     expected = np.diag([scale, scale, scale, 1.0])
     expected[:3, 3] = matrix[:3, 3]
-    _require(
+    require(
         scale > 0 and np.array_equal(matrix, expected),
         "model_to_world must be a positive uniform scale and a translation",
     )
     return float(scale), matrix[:3, 3]
 
 
-def _camera(value: Any) -> Camera:
-    _require(value["model"] == "PINHOLE", "camera.model must be PINHOLE")
-    K = _array(value["K"], (3, 3), "camera.K")
-    pinhole = np.array([[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]])
-    _require(
-        K[0, 0] > 0 and K[1, 1] > 0 and np.array_equal(K, pinhole), "camera.K must be [[fx,0,cx],[0,fy,cy],[0,0,1]]"
-    )
-    _require(np.abs(K).max() <= LARGEST_K, f"camera.K must hold at most {LARGEST_K:g} pixels")
-    width, height = (_integer(value[side], f"camera.{side}", MOST_PX) for side in ("width", "height"))
-    return Camera(width, height, K)
-
-
-def _frames(frames: Any) -> tuple[Doubles, tuple[str, ...]]:
-    """The poses [frames, 4, 4] and the images of a model's frames."""
-    _require(isinstance(frames, list) and frames, "frames must be a list of at least one frame")
-    names: set[str] = set()
-    times = [-math.inf]
-    for number, frame in enumerate(frames):
-        name, image = str(frame.get("name", number)), frame["image"]
-        plain = 0 < len(name.encode()) <= LONGEST_NAME and name[0] != "." and not set(name) & set("/\\:\0")
-        _require(plain and name not in names, f"the name of frame {number} must be a plain file name of its own")
-        inside = isinstance(image, str) and image and not set(image) & set("\\:") and image[0] != "/"
-        _require(inside and ".." not in image.split("/"), f"image of frame {number} must be a path in the capture")
-        _number(frame["time_s"], f"time_s of frame {number}")
-        times.append(_number(frame["t"], f"t of frame {number}"))
-        _require(times[-2] < times[-1] and 0 <= times[-1] <= 1, f"t of frame {number} must rise within [0, 1]")
-        _require(frame["split"] in ("train", "test"), f"split of frame {number} must be train or test")
-        names.add(name)
-    _require(any(frame["split"] == "train" for frame in frames), "frames must hold one that was trained on")
-    viewmats = np.stack([_array(frame["viewmat"], (4, 4), f"viewmat of frame {i}") for i, frame in enumerate(frames)])
-    rotations = viewmats[:, :3, :3]
-    rigid = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-4
-    rigid &= (np.linalg.det(rotations) > 0) & (np.abs(viewmats[:, 3] - [0, 0, 0, 1]) <= 1e-9).all(axis=1)
-    _require(rigid.all(), f"viewmat of frame {int(np.argmin(rigid))} must be a rotation and a translation")
-    near = np.abs(np.einsum("nji,nj->ni", rotations, viewmats[:, :3, 3])).max(axis=1) <= FARTHEST_M
-    _require(near.all(), f"camera of frame {int(np.argmin(near))} must be within {FARTHEST_M:g} m of the origin")
-    return viewmats, tuple(frame["image"] for frame in frames)
-
-
 def _group_names(value: Any) -> tuple[str, ...]:
-    _require(isinstance(value, list), "groups must be a list")
+    require(isinstance(value, list), "groups must be a list")
     group_names = tuple(group["name"] for group in value)
-    for number, name in enumerate(group_names):
-        _require(
+    for row, name in enumerate(group_names):
+        require(
             isinstance(name, str) and len(name) <= LONGEST_NAME,
-            f"the name of group {number} must be a text of at most {LONGEST_NAME} characters",
+            f"the name of group {row} must be a text of at most {LONGEST_NAME} characters",
         )
     return group_names
 

@@ -18,6 +18,7 @@ import aa4d.methods.model_file
 import addon.activity
 import addon.carriers
 import addon.groups
+import addon.header
 import addon.model
 import addon.splat_ply
 import synth.camera
@@ -49,8 +50,8 @@ def test_names_are_the_same() -> None:
 def test_limits_are_the_same() -> None:
     assert reader.FARTHEST_M == synth.flight.keys.WORLD_M == synth.traffic.tracks.FARTHEST_M == addon.model.FARTHEST_M
     assert aa4d.methods.model_file.FARTHEST_MODEL_M == addon.model.FARTHEST_MODEL_M
-    assert (reader.MOST_PX, reader.LARGEST_K) == (addon.model.MOST_PX, addon.model.LARGEST_K)
-    assert reader.FASTEST_FPS == addon.model.FASTEST_FPS
+    assert (reader.MOST_PX, reader.LARGEST_K) == (addon.header.MOST_PX, addon.header.LARGEST_K)
+    assert reader.FASTEST_FPS == addon.header.FASTEST_FPS
     assert reader.LONGEST_NAME == aa4d.methods.model_file.LONGEST_NAME == addon.model.LONGEST_NAME
     assert aa4d.methods.adaanchor4d.files.LARGEST_SIZE == addon.model.WIDEST
     assert aa4d.methods.adaanchor4d.files.UNIFORM_TOLERANCE == addon.model.UNIFORM_TOLERANCE

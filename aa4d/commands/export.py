@@ -13,10 +13,11 @@ from aa4d.console import console, step_progress
 def export(
     run: Annotated[Positional[Path], arg(help="Folder of a run, made by `aa4d train`.")],
     format: Annotated[  # noqa: A002, it is what the option is called
-        Literal["ply", "points", "usd", "4dgs"],
+        Literal["ply", "points", "usd", "track", "4dgs"],
         arg(
             help="ply: 3D Gaussian splatting PLY, one file a view, for splat viewers. points: point-cloud PLY, one "
-            "file a view. usd: one file of animated points. 4dgs: one file in the 4DGS container."
+            "file a view. usd: one file of animated points. track: one file "
+            "for the Blender extension, of any method. 4dgs: one file in the 4DGS container."
         ),
     ] = "ply",
     out: Annotated[
