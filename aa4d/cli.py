@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
-import tyro
 from rich.console import Console
+from tyro.extras import SubcommandApp
 
 from aa4d import __version__
+from aa4d.commands import bench, synth
 from aa4d.commands.ablate import ablate
-from aa4d.commands.bench import bench
 from aa4d.commands.capture import capture
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
@@ -19,10 +20,10 @@ from aa4d.commands.export import export
 from aa4d.commands.inspect import inspect
 from aa4d.commands.render import render
 from aa4d.commands.sweep import sweep
-from aa4d.commands.synth import synth
 from aa4d.commands.train import train
 from aa4d.errors import InputError, Interrupted
 from aa4d.interrupts import end_quietly_while_importing
+from aa4d.settings.checking import nearest, one_of
 
 DESCRIPTION = (
     "AdaAnchor4D: drone video of moving traffic becomes a 4D scene that you can scrub in Blender. "
@@ -33,8 +34,9 @@ DESCRIPTION = (
 # busy cores, and no faster on idle ones. Read when torch is loaded, hence here.
 os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "synth": synth,
+Command = Callable[..., None] | Mapping[str, Callable[..., None]]  # a mapping has commands of its own
+COMMANDS: dict[str, Command] = {
+    "synth": synth.COMMANDS,
     "capture": capture,
     "train": train,
     "eval": evaluate,
@@ -44,11 +46,39 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "ablate": ablate,
     "sweep": sweep,
-    "bench": bench,
+    "bench": bench.COMMANDS,
 }
-app = tyro.extras.SubcommandApp()
-for name, command in COMMANDS.items():
-    app.command(name=name)(command)
+ABOUT = {
+    "synth": "Render a scene file as a capture, with Blender; or check and measure that. "
+    "`aa4d synth SCENE` is `aa4d synth render SCENE`.",
+    "bench": "Measure training or the CPU rasteriser on this machine, on made-up scenes.",
+}
+
+
+def app_of(commands: Mapping[str, Command]) -> SubcommandApp:
+    app = SubcommandApp()
+    for name, command in commands.items():
+        if isinstance(command, Mapping):
+            app.command(app_of(command), name=name, help=ABOUT[name])
+        else:
+            app.command(name=name)(command)
+    return app
+
+
+def checked(arguments: list[str]) -> list[str]:
+    """The arguments, with `synth SCENE` as `synth render SCENE`. Raises InputError for what no command can mean."""
+    if any(a == "" or (a.startswith("--") and a.find("=") == len(a) - 1) for a in arguments):
+        # As a path it would be the current folder.
+        raise InputError("an argument is empty; name what it should be (is a variable of the shell not set?)")
+    name, *rest = arguments or [""]
+    if name and not name.startswith("-") and name not in COMMANDS:
+        raise InputError(f"{name}: no such command; it must be {one_of(COMMANDS, name)}")
+    if name == "synth" and rest and rest[0] not in ("-h", "--help", *synth.COMMANDS):
+        near = nearest(rest[0], synth.COMMANDS)
+        if near and not Path(rest[0]).exists():
+            raise InputError(f"aa4d synth {rest[0]}: neither a scene file nor a command; did you mean {near}?")
+        return ["synth", "render", *rest]
+    return arguments
 
 
 def main() -> None:
@@ -57,10 +87,7 @@ def main() -> None:
         print(f"aa4d {__version__}")
         return
     try:
-        if any(a == "" or (a.startswith("--") and a.endswith("=")) for a in sys.argv[1:]):
-            # As a path it would be the current folder.
-            raise InputError("an argument is empty; name what it should be (is a variable of the shell not set?)")
-        app.cli(prog="aa4d", description=DESCRIPTION)
+        app_of(COMMANDS).cli(prog="aa4d", description=DESCRIPTION, args=checked(sys.argv[1:]))
     except InputError as error:
         Console(stderr=True).print(f"aa4d: {error}", markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)

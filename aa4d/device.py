@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import Literal
-
-import torch
+from typing import TYPE_CHECKING, Literal, get_args
 
 from aa4d.errors import InputError
 
+if TYPE_CHECKING:
+    import torch
+
 DeviceName = Literal["auto", "cpu", "cuda"]
+DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
 
 
 def choose_device(name: DeviceName) -> torch.device:
@@ -18,6 +20,8 @@ def choose_device(name: DeviceName) -> torch.device:
     Raises:
         InputError: "cuda" without a GPU that this PyTorch can use, or without gsplat.
     """
+    import torch  # names of devices are wanted without waiting for it
+
     gpu, rasteriser = torch.cuda.is_available(), find_spec("gsplat") is not None
     if name == "cuda" and not gpu:
         raise InputError(

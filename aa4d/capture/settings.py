@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated
+
+from aa4d.capture.reader import FARTHEST_M, MOST_PX
+from aa4d.settings.allowed import NameIn, Range, Share
 
 USUAL_FPS = 30.0
 USUAL_MOST_FRAMES = 150
+CAMERA_MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")  # COLMAP's names
+MOVERS = ("auto", "off")
+MOST_THREADS = 256  # more than cores on nearly all machines; what a system cannot start ends the whole process
+
+Number = Annotated[int, Range(1, 10_000)]
+PerSecond = Annotated[float, Range(1e-3, 1e6)]
+Seconds = Annotated[float, Range(0, 1e9)]
+Meters = Annotated[float, Range(1e-3, FARTHEST_M)]
+Degrees = Annotated[float, Range(1, 150)]
+Pixels = Annotated[int, Range(64, MOST_PX)]
+Grays = Annotated[float, Range(0, 255)]
 
 
 @dataclass(frozen=True)
 class Selection:
     """Which frames of the input are used."""
 
-    rate: float | None = None  # frames per second to keep; None: as many as `most_frames` allows
-    start_s: float = 0.0
-    end_s: float | None = None
-    max_frames: int | None = None  # None: USUAL_MOST_FRAMES
-    source_fps: float | None = None  # of a folder of frames, which does not say it: None is USUAL_FPS
-    longest_px: int = 1600  # frames are made smaller than that
-    blurred_below: float = 0.35  # share of its neighbours' sharpness below which a frame is left out; 0: none is
-    duplicate_below: float = 0.4  # mean grey-level difference from the frame before; 0: only identical ones
+    rate: PerSecond | None = None  # frames per second to keep; None: as many as `most_frames` allows
+    start_s: Seconds = 0.0  # of the input, to begin at
+    end_s: Seconds | None = None  # of the input, to end at
+    max_frames: Annotated[int, Range(3, 1_000_000)] | None = None  # to use at most, evenly over the range; None: 150
+    source_fps: PerSecond | None = None  # of a folder of frames, which does not say it; None: 30
+    longest_px: Pixels = 1600  # frames are made smaller than that
+    blurred_below: Share = 0.35  # share of its neighbours' sharpness below which a frame is left out; 0: none is
+    duplicate_below: Grays = 0.4  # mean grey-level difference from the frame before; 0: only identical ones
+
+    def __post_init__(self) -> None:
+        if self.end_s is not None and not self.end_s > self.start_s:
+            raise ValueError(f"the end, {self.end_s:g} s, must lie after the start, {self.start_s:g} s")
 
     @property
     def most_frames(self) -> int:
@@ -44,26 +62,26 @@ class Selection:
 class Reconstruction:
     """Structure from motion: what accuracy costs in time is decided here."""
 
-    longest_px: int  # of the pictures that features are found in
-    features: int  # at most, a frame
-    window: int  # every frame is matched with that many frames after it, and with those 2, 4, 8, ... times as far
-    keyframes: int  # loop closure: so many frames, evenly over the clip, are matched each with each
-    camera_model: str  # COLMAP's name
-    global_refinements: int  # of bundle adjustment over all frames, each time it runs
-    grown_by: float  # it runs whenever frames or points have grown by that factor
+    longest_px: Pixels  # of the pictures that features are found in
+    features: Annotated[int, Range(100, 100_000)]  # at most, a frame
+    window: Number  # every frame is matched with that many frames after it, and with those 2, 4, 8, ... times as far
+    keyframes: Number  # loop closure: so many frames, evenly over the clip, are matched each with each
+    camera_model: Annotated[str, NameIn(__name__, "CAMERA_MODELS")]  # of the lens, COLMAP's name
+    global_refinements: Number  # of bundle adjustment over all frames, each time it runs
+    grown_by: Annotated[float, Range(1.01, 10)]  # it runs whenever frames or points have grown by that factor
 
 
 @dataclass(frozen=True)
 class CaptureSettings:
-    preset: str
+    preset: str  # where the other settings start from
     reconstruction: Reconstruction
     selection: Selection = Selection()
-    movers: Literal["auto", "off"] = "auto"
-    size_px: int = 1280  # longest side of the capture's frames, at most
-    fov_deg: float | None = None  # horizontal field of view of the frames, where it is known
-    altitude_m: float | None = None  # median distance from cameras to what they see, where no GNSS gives the scale
-    seed: int = 0
-    threads: int = 2
+    movers: Annotated[str, NameIn(__name__, "MOVERS")] = "auto"  # auto: what moves is left out
+    size_px: Pixels = 1280  # longest side of the capture's frames, at most
+    fov_deg: Degrees | None = None  # horizontal field of view of the frames, where it is known
+    altitude_m: Meters | None = None  # median distance from cameras to what they see, where no GNSS gives the scale
+    seed: Annotated[int, Range(0, 2**31 - 1)] = 0  # of everything random
+    threads: Annotated[int, Range(1, MOST_THREADS)] = 2  # by default one for each core
 
 
 PRESETS = {

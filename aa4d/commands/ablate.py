@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from aa4d.commands.choices import described, name_in
 from aa4d.commands.experiment_options import Options
 
 
 def ablate(
     what: Annotated[
-        Positional[Literal["modules", "aggregation", "motion"]],
-        arg(
-            help="modules: product, then ACFA, DLGD and DACW. aggregation: ACFA beside its four rivals. motion: the "
-            "paper's model, the same with anchors that ride on found tracks, and on true ones."
-        ),
+        Positional[str],
+        name_in("aa4d.experiments.variants", "ABLATIONS", "ablate"),
+        arg(help=described("aa4d.experiments.variants", "ABLATIONS", "title")),
     ],
     captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
     experiment: Options,

@@ -1,45 +1,62 @@
-"""`aa4d bench`."""
+"""`aa4d bench`: one command for each thing that is measured."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
 from aa4d.console import console
 from aa4d.errors import InputError
 
+Json = Annotated[Path | None, arg(metavar="PATH", help="File to write what was measured to, for machines.")]
+Repeats = Annotated[int, arg(help="Runs of each scene; the best counts.")]
 
-def bench(
-    what: Annotated[
-        Positional[Literal["train", "raster", "precision", "scaling"]],
-        arg(
-            help="A training iteration part by part and how it grows; or the rasteriser's speed, what its precisions "
-            "cost and leave, or how its time grows."
-        ),
-    ],
-    json: Annotated[
-        Path | None, arg(metavar="PATH", help="File to write what `train` or `raster` measured to, for machines.")
-    ] = None,
-    repeats: Annotated[int, arg(help="Of the rasteriser: runs of each scene; the best counts.")] = 7,
-) -> None:
-    """Measure training or the CPU rasteriser on this machine, on made-up scenes."""
-    from aa4d.raster import bench as measure
 
+def train(json: Json = None) -> None:
+    """A training iteration part by part, and how it grows."""
+    from aa4d.training import bench
+
+    _check(json)
+    bench.bench(json, console)
+
+
+def raster(json: Json = None, repeats: Repeats = 7) -> None:
+    """The CPU rasteriser's speed."""
+    from aa4d.raster import bench
+
+    _check(json, repeats)
+    bench.bench(repeats=repeats, json_path=json, console=console)
+
+
+def precision(repeats: Repeats = 7) -> None:
+    """What the rasteriser's precisions cost, and what each leaves out."""
+    from aa4d.raster import bench
+
+    _check(None, repeats)
+    bench.bench_precision(repeats, console)
+
+
+def scaling(repeats: Repeats = 7) -> None:
+    """How the rasteriser's time grows."""
+    from aa4d.raster import bench
+
+    _check(None, repeats)
+    bench.bench_scaling(repeats, console)
+
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "train": train,
+    "raster": raster,
+    "precision": precision,
+    "scaling": scaling,
+}
+
+
+def _check(json: Path | None, repeats: int = 1) -> None:
     if repeats < 1:
         raise InputError(f"--repeats {repeats}: must be at least 1")
-    if json is not None and what not in ("train", "raster"):
-        raise InputError(f"--json: only `train` and `raster` write one, `{what}` does not; leave it out")
     if json is not None and not json.parent.is_dir():
         raise InputError(f"--json {json}: there is no folder {json.parent}")
-    if what == "train":
-        from aa4d.training import bench as training
-
-        training.bench(json, console)
-    elif what == "raster":
-        measure.bench(repeats=repeats, json_path=json, console=console)
-    elif what == "precision":
-        measure.bench_precision(repeats, console)
-    else:
-        measure.bench_scaling(repeats, console)

@@ -7,21 +7,23 @@ import shlex
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import TimeRemainingColumn as Left
 from tyro.conf import Positional, arg
 
+from aa4d.commands.choices import name_in
+from aa4d.commands.settings_options import Assignments, Config
 from aa4d.console import SECONDS_BETWEEN_LINES, console
-from aa4d.errors import InputError
+from aa4d.files import write_text
 
 if TYPE_CHECKING:
     from aa4d.capture.make import Made
 
-MOST_THREADS = 256  # more than cores on nearly all machines; what a system cannot start ends the whole process
+
+HEADING = "The settings of this capture; `aa4d capture INPUT --out FOLDER --config settings.toml` takes the same."
 
 
 def capture(
@@ -31,13 +33,16 @@ def capture(
     ],
     out: Annotated[Path, arg(help="Folder for the capture: new, empty, or this capture where it stopped.")],
     preset: Annotated[
-        Literal["fast", "accurate"],
+        str | None,
+        name_in("aa4d.capture.settings", "PRESETS", "--preset", "fast"),
         arg(help="accurate: more features, pairs and adjustment, for footage that fast does not register."),
-    ] = "fast",
+    ] = None,
+    config: Config = None,
+    assignments: Assignments = (),
     rate: Annotated[
         float | None, arg(metavar="FLOAT", help="Frames a second to use; by default so that movers can be followed.")
     ] = None,
-    start: Annotated[float, arg(help="Second of the input to begin at.")] = 0.0,
+    start: Annotated[float | None, arg(metavar="FLOAT", help="Second of the input to begin at; by default 0.")] = None,
     end: Annotated[float | None, arg(metavar="FLOAT", help="Second of the input to end at.")] = None,
     max_frames: Annotated[
         int | None, arg(metavar="INT", help="Frames to use at most, evenly over the range; by default 150.")
@@ -46,14 +51,22 @@ def capture(
         float | None,
         arg(metavar="FLOAT", help="Frames a second that a folder of frames was filmed with; by default 30."),
     ] = None,
-    longest_px: Annotated[int, arg(help="Longest side of the frames that are reconstructed from.")] = 1600,
+    longest_px: Annotated[
+        int | None,
+        arg(metavar="INT", help="Longest side of the frames that are reconstructed from; by default 1600."),
+    ] = None,
     size: Annotated[
-        int, arg(help="Longest side of the capture's frames, in pixels: training's cost grows with it.")
-    ] = 1280,
+        int | None,
+        arg(
+            metavar="INT",
+            help="Longest side of the capture's frames, in pixels: training's cost grows with it; by default 1280.",
+        ),
+    ] = None,
     movers: Annotated[
-        Literal["auto", "off"],
+        str | None,
+        name_in("aa4d.capture.settings", "MOVERS", "--movers", "auto"),
         arg(help="auto: leave out what moves, by annotated boxes, else by its motion. off: use every feature."),
-    ] = "auto",
+    ] = None,
     annotations: Annotated[
         Path | None,
         arg(metavar="PATH", help="Boxes of VisDrone or UAVDT, where they do not lie where the data set puts them."),
@@ -66,46 +79,37 @@ def capture(
         float | None,
         arg(metavar="FLOAT", help="Metres from the camera to what it sees: the scale, where nothing else gives it."),
     ] = None,
-    seed: Annotated[int, arg(help="Of everything random.")] = 0,
+    seed: Annotated[int | None, arg(metavar="INT", help="Of everything random; by default 0.")] = None,
     threads: Annotated[int | None, arg(metavar="INT", help="Threads; by default one for each core.")] = None,
 ) -> None:
     """Make a capture from a drone video or its frames: cameras, points, masks of movers. Continues where it stopped."""
     from aa4d.capture.make import make_capture
-    from aa4d.capture.reader import FARTHEST_M, MOST_PX
-    from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
+    from aa4d.capture.settings import MOST_THREADS, PRESETS, CaptureSettings
+    from aa4d.settings.given import Given, Options
+    from aa4d.settings.toml import as_toml
 
-    for name, value, least, most in (
-        ("--rate", rate, 1e-3, 1e6),
-        ("--start", start, 0, 1e9),
-        ("--end", end, 0, 1e9),
-        ("--max-frames", max_frames, 3, 1e6),
-        ("--fps", fps, 1e-3, 1e6),
-        ("--longest-px", longest_px, 64, MOST_PX),
-        ("--size", size, 64, MOST_PX),
-        ("--altitude", altitude, 1e-3, FARTHEST_M),
-        ("--fov", fov, 1, 150),
-        ("--seed", seed, 0, 2**31 - 1),
-        ("--threads", threads, 1, MOST_THREADS),
-    ):
-        if value is not None and not least <= value <= most:
-            raise InputError(f"{name} {value:.10g}: must be at least {least:.10g} and at most {most:.10g}")
-    if end is not None and not end > start:
-        raise InputError(f"--end {end:g}: must lie after --start {start:g}")
-    selection = Selection(
-        rate=rate, start_s=start, end_s=end, max_frames=max_frames, source_fps=fps, longest_px=longest_px
-    )
-    settings = replace(
-        CaptureSettings(preset, PRESETS[preset]),
-        selection=selection,
-        movers=movers,
-        size_px=size,
-        fov_deg=fov,
-        altitude_m=altitude,
-        seed=seed,
-        threads=threads or os.cpu_count() or 1,
-    )
+    options: Options = {
+        "--preset": ("preset", preset),
+        "--rate": ("selection.rate", rate),
+        "--start": ("selection.start_s", start),
+        "--end": ("selection.end_s", end),
+        "--max-frames": ("selection.max_frames", max_frames),
+        "--fps": ("selection.source_fps", fps),
+        "--longest-px": ("selection.longest_px", longest_px),
+        "--size": ("size_px", size),
+        "--movers": ("movers", movers),
+        "--fov": ("fov_deg", fov),
+        "--altitude": ("altitude_m", altitude),
+        "--seed": ("seed", seed),
+        "--threads": ("threads", threads),
+    }
+    given = Given.by(config, assignments, options)
+    chosen = given.chosen("preset", PRESETS, "fast")
+    cores = min(os.cpu_count() or 1, MOST_THREADS)
+    settings = given.applied(CaptureSettings(chosen, PRESETS[chosen], threads=cores), chosen=["preset"])
     with capture_progress() as display:
         made = make_capture(input, out, settings, annotations, display.step)
+    write_text(out / "settings.toml", as_toml(settings, HEADING))
     tell(made)
 
 

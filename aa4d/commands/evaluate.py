@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from rich.table import Table
 from tyro.conf import Positional, arg
 
+from aa4d.commands.choices import name_in, names_in
 from aa4d.console import console, step_progress
 
 
@@ -17,16 +18,17 @@ def evaluate(
         Path | None, arg(metavar="PATH", help="Capture folder, where it has moved since training.")
     ] = None,
     lpips: Annotated[
-        tuple[Literal["alex", "squeeze", "vgg"], ...] | None,
+        tuple[str, ...] | None,
+        names_in("aa4d.evaluation.lpips", "STACKS", "--lpips", "none but alex, if it is at hand"),
         arg(
-            metavar="{alex,squeeze,vgg} ...",
             help="LPIPS by these networks. Weights are looked for in $AA4D_WEIGHTS, or in the caches of aa4d and of "
-            "torch.hub, and downloaded if absent (alex 233 MiB, squeeze 5 MiB, vgg 528 MiB). By default alex, if it is "
-            "at hand.",
+            "torch.hub, and downloaded if absent (alex 233 MiB, squeeze 5 MiB, vgg 528 MiB).",
         ),
     ] = None,
     device: Annotated[
-        Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
+        str,
+        name_in("aa4d.device", "DEVICES", "--device"),
+        arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU."),
     ] = "auto",
 ) -> None:
     """Score a run on the held-out frames and time its rendering; writes metrics.json and eval/ into the run."""
@@ -34,9 +36,9 @@ def evaluate(
     from aa4d.evaluation.lpips_weights import obtain
 
     with step_progress("weights of LPIPS") as progress:
-        perceptual = obtain(None if lpips is None else tuple(dict.fromkeys(lpips)), progress)
+        perceptual = obtain(lpips, progress)
     with step_progress("frames") as progress:
-        metrics = run_evaluation(run, capture, progress, perceptual, device=device)
+        metrics = run_evaluation(run, capture, progress, perceptual, device=device)  # type: ignore[arg-type]
     console.print(metrics_table(metrics.as_json()))
     for network, reason in metrics.lpips_not_measured.items():
         console.print(f"LPIPS ({network}) not measured: {reason}", highlight=False, soft_wrap=True)

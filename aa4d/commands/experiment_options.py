@@ -4,23 +4,33 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, arg
+
+from aa4d.commands.choices import name_in
+from aa4d.commands.settings_options import Assignments, Config
 
 
 @dataclass(frozen=True)
 class ExperimentOptions:
     out: Annotated[Path, arg(help="Folder for the runs and the tables.")]
     seeds: Annotated[int, arg(help="Runs of each variant on each capture; they make the spread.")] = 3
-    preset: Annotated[Literal["quick", "standard", "paper"], arg(help="As of `aa4d train`.")] = "quick"
+    preset: Annotated[
+        str | None,
+        name_in("aa4d.methods.adaanchor4d.settings", "PRESETS", "--preset", "quick"),
+        arg(help="As of `aa4d train`."),
+    ] = None
+    config: Config = None
+    assignments: Assignments = ()
     iterations: Annotated[
         tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
     ] = None
     motion: Annotated[
-        Literal["none", "tracks"],
+        str | None,
+        name_in("aa4d.commands.train", "MOTION", "--motion", "none"),
         arg(help="none: the paper's model. tracks: every variant with anchors that ride on found tracks."),
-    ] = "none"
+    ] = None
     jobs: Annotated[int, arg(help="Runs at a time; with several, each has one thread.")] = 1
 
 

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from aa4d.commands.choices import described, name_in
 from aa4d.console import console, step_progress
 
 
 def export(
     run: Annotated[Positional[Path], arg(help="Folder of a run, made by `aa4d train`.")],
     format: Annotated[  # noqa: A002, it is what the option is called
-        Literal["ply", "points", "usd", "track", "4dgs"],
-        arg(
-            help="ply: 3D Gaussian splatting PLY, one file a view, for splat viewers. points: point-cloud PLY, one "
-            "file a view. usd: one file of animated points. track: one file "
-            "for the Blender extension, of any method. 4dgs: one file in the 4DGS container."
-        ),
+        str,
+        name_in("aa4d.export", "EXPORTERS", "--format"),
+        arg(help=described("aa4d.export", "EXPORTERS", "says")),
     ] = "ply",
     out: Annotated[
         Path | None,
         arg(metavar="PATH", help="Folder for the files. By default one in RUN/export, named after what it holds."),
     ] = None,
     views: Annotated[
-        Literal["all", "held-out", "training"], arg(help="Which of the capture's frames to export.")
+        str, name_in("aa4d.filming.splits", "SPLITS", "--views"), arg(help="Which of the capture's frames to export.")
     ] = "all",
     path: Annotated[
         Path | None,
@@ -44,7 +42,8 @@ def export(
         ),
     ] = "frame",
     axes: Annotated[
-        Literal["world", "viewer"],
+        str,
+        name_in("aa4d.export", "AXES", "--axes"),
         arg(help="world: z up. viewer: y down, which splat viewers show upright. Of ply and points."),
     ] = "world",
 ) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from aa4d.commands.choices import name_in, names_in
 from aa4d.console import console, step_progress
 from aa4d.errors import InputError
 
@@ -18,7 +19,9 @@ def render(
         arg(metavar="PATH", help="Folder for the pictures. By default one in RUN/renders, named after what it shows."),
     ] = None,
     views: Annotated[
-        Literal["all", "held-out", "training"], arg(help="Which of the capture's frames to render, or to fly along.")
+        str,
+        name_in("aa4d.filming.splits", "SPLITS", "--views"),
+        arg(help="Which of the capture's frames to render, or to fly along."),
     ] = "all",
     path: Annotated[
         Path | None, arg(metavar="PATH", help="Camera path to fly instead: a JSON file, see docs/formats.md.")
@@ -34,7 +37,8 @@ def render(
         str | None, arg(metavar="NAME", help="Freeze the camera at the frame of this name: time alone runs.")
     ] = None,
     layers: Annotated[
-        tuple[Literal["color", "depth", "alpha", "activity", "motion", "speed", "movers"], ...],
+        tuple[str, ...],
+        names_in("aa4d.filming.layers", "NAMES", "--layers"),
         arg(
             help="What to draw. activity: how much of an anchor's aggregation weight lies on planes with time. motion: "
             "how far an anchor is from its canonical place. speed: in metres a second. movers: each rigid group in a "
@@ -55,7 +59,7 @@ def render(
     flown, name = named_path(loaded, views, path, frames, fps, time, camera)
     folder = out or run / "renders" / name
     with step_progress("views") as progress:
-        scales = film(loaded, flown, list(dict.fromkeys(layers)), folder, video=video, progress=progress)
+        scales = film(loaded, flown, list(layers), folder, video=video, progress=progress)
     for layer, (lower, upper) in scales.items():
         console.print(
             f"{layer}: {LAYERS[layer].meaning}, {LAYERS[layer].colormap} from {lower:.4g} to {upper:.4g} "

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from aa4d.commands.choices import described, name_in
 from aa4d.commands.experiment_options import Options
 
 
 def sweep(
     what: Annotated[
-        Positional[Literal["gamma", "lambda", "smoothing", "planes", "time", "embedding"]],
-        arg(
-            help="gamma, lambda, smoothing: DACW's. planes: cells a side, with and without DACW. time: rows of the "
-            "time planes. embedding: how embeddings start."
-        ),
+        Positional[str],
+        name_in("aa4d.experiments.variants", "SWEEPS", "sweep"),
+        arg(help=described("aa4d.experiments.variants", "SWEEPS", "title")),
     ],
     captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
     experiment: Options,

@@ -4,78 +4,108 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
+from aa4d.commands.choices import name_in
+from aa4d.commands.settings_options import Assignments, Config
 from aa4d.console import console, training_progress
 from aa4d.errors import InputError
+from aa4d.methods import DEFAULT, METHODS
 
-LARGEST_SEED = 2**63  # torch takes no larger one
+MOTION = ("tracks", "none")
 
 
 def train(
     capture: Annotated[Positional[Path], arg(help="Capture folder, made by `aa4d synth` or `aa4d capture`.")],
     out: Annotated[Path, arg(help="Folder for the run: new, empty, or this run where it stopped.")],
+    method: Annotated[
+        str | None,
+        name_in("aa4d.methods", "METHODS", "--method", DEFAULT),
+        arg(help="What to train: the paper's AdaAnchor4D, or one that it is compared with."),
+    ] = None,
     preset: Annotated[
-        Literal["quick", "standard", "paper"],
+        str | None,
+        name_in("aa4d.methods", "preset_names", "--preset", "quick"),
         arg(
             help="quick: minutes on two cores. standard: a third of the paper's. paper: its 3,000 + 30,000 iterations."
         ),
-    ] = "quick",
+    ] = None,
+    config: Config = None,
+    assignments: Assignments = (),
     iterations: Annotated[
         tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
     ] = None,
-    seed: Annotated[int, arg(help="Of everything random.")] = 0,
-    dlgd: Annotated[bool, arg(help="Let offsets and scales deform (paper, section 4.3).")] = True,
-    dacw: Annotated[bool, arg(help="Warp the query coordinates by the anchors' density (paper, section 4.4).")] = True,
+    seed: Annotated[int | None, arg(metavar="INT", help="Of everything random; by default 0.")] = None,
+    no_dlgd: Annotated[
+        FlagCreatePairsOff[bool], arg(help="Let offsets and scales not deform (paper, section 4.3).")
+    ] = False,
+    no_dacw: Annotated[
+        FlagCreatePairsOff[bool],
+        arg(help="Do not warp the query coordinates by the anchors' density (paper, section 4.4)."),
+    ] = False,
     motion: Annotated[
-        Literal["tracks", "none"],
+        str | None,
+        name_in("aa4d.commands.train", "MOTION", "--motion", "tracks"),
         arg(
             help="tracks: movers are found in the training frames, and anchors ride with them (beyond the paper). "
             "none: the paper's model."
         ),
-    ] = "tracks",
+    ] = None,
     tracks: Annotated[
-        Literal["auto", "pictures", "boxes", "truth"],
+        str | None,
+        name_in("aa4d.motion.sources", "SOURCES", "--tracks", "auto"),
         arg(
-            help="Where tracks come from. auto: annotated boxes where the capture has them for several movers, else "
-            "pictures. truth: those of a rendered scene, an oracle for experiments."
+            help="Where tracks come from. auto: annotated boxes where the capture has them for several "
+            "movers, else pictures. truth: those of a rendered scene, an oracle for experiments."
         ),
-    ] = "auto",
+    ] = None,
     device: Annotated[
-        Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
+        str,
+        name_in("aa4d.device", "DEVICES", "--device"),
+        arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU."),
     ] = "auto",
     refine_poses: Annotated[
-        bool, arg(help="Learn the training cameras' poses with the scene; for poses that are off by some pixels.")
+        FlagCreatePairsOff[bool],
+        arg(help="Learn the training cameras' poses with the scene; for poses that are off by some pixels."),
     ] = False,
     tensorboard: Annotated[bool, arg(help="Write OUT/tensorboard; look with `tensorboard --logdir OUT`.")] = False,
 ) -> None:
-    """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
+    """Train a model on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
     from aa4d.capture.reader import read_capture
-    from aa4d.methods.adaanchor4d.settings import PRESETS
-    from aa4d.methods.settings import MotionSettings, with_iterations
+    from aa4d.methods import presets_of
+    from aa4d.methods.settings import AnchorSettings, MotionSettings, with_iterations
+    from aa4d.settings.given import Given, Options
     from aa4d.training.trainer import train as run_training
 
-    if not 0 <= seed < LARGEST_SEED:
-        raise InputError(f"--seed {seed}: must be from 0 to {LARGEST_SEED - 1}")
-    config = replace(PRESETS[preset], seed=seed, refine_poses=refine_poses)
-    config = replace(config, model=replace(config.model, dlgd=dlgd, dacw=dacw))
-    if motion == "none" and tracks != "auto":
-        raise InputError(f"--tracks {tracks} belongs to --motion tracks; leave it out, or leave out --motion none")
-    if motion == "tracks":
-        config = replace(config, motion=MotionSettings(tracks=tracks))
+    options: Options = {
+        "--method": ("method", method),
+        "--preset": ("preset", preset),
+        "--seed": ("seed", seed),
+        "--no-dlgd": ("model.dlgd", False if no_dlgd else None),
+        "--no-dacw": ("model.dacw", False if no_dacw else None),
+        "--refine-poses": ("refine_poses", refine_poses or None),
+        "--motion": ("motion", {} if motion == "tracks" else motion),
+        "--tracks": ("motion.tracks", tracks),
+    }
+    given = Given.by(config, assignments, options)
+    presets = presets_of(given.chosen("method", METHODS, DEFAULT))
+    base = presets[given.chosen("preset", presets, "quick")]
+    if isinstance(base, AnchorSettings):
+        base = replace(base, motion=MotionSettings())
+    settings = given.applied(base, chosen=["method", "preset"])
     if iterations is not None:
         if min(iterations) < 1:
             raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")
-        config = with_iterations(config, *iterations)
+        settings = with_iterations(settings, *iterations)
     with training_progress() as progress:
         model = run_training(
             read_capture(capture),
             out,
-            config,
+            settings,
             progress,
-            device=device,
+            device=device,  # type: ignore[arg-type]
             tensorboard=tensorboard,
             say=lambda sentence: console.print(sentence, highlight=False, soft_wrap=True),
         )

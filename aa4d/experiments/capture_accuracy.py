@@ -110,7 +110,7 @@ def main(
                     settings = CaptureSettings(
                         preset, PRESETS[preset], Selection(max_frames=count), size_px=512, threads=threads
                     )
-                    settings = replace(settings, movers=kind)  # type: ignore[arg-type]
+                    settings = replace(settings, movers=kind)
                     row = measure(source, out / f"{source.name}-{count}-{preset}-{kind}", settings)
                     rows.append(row)
                     write_json(out / "table.json", {"rows": rows})

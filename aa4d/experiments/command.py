@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from rich.box import SIMPLE
@@ -14,8 +13,9 @@ from aa4d.errors import InputError
 from aa4d.experiments.runner import run_experiment, trials_of
 from aa4d.experiments.tables import cells, columns_of, headings, lines_of
 from aa4d.experiments.variants import Experiment
-from aa4d.methods.adaanchor4d.settings import PRESETS
-from aa4d.methods.settings import MotionSettings, with_iterations
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
+from aa4d.methods.settings import with_iterations
+from aa4d.settings.given import Given, Options
 
 WIDTH = 120
 
@@ -25,10 +25,12 @@ def run(
     captures: tuple[Path, ...],
     out: Path,
     *,
-    preset: str,
+    preset: str | None,
+    config: Path | None,
+    assignments: tuple[str, ...],
     iterations: tuple[int, int] | None,
     seeds: int,
-    motion: str,
+    motion: str | None,
     jobs: int,
 ) -> None:
     """Raises InputError for a number that makes no sense, and what `run_experiment` raises."""
@@ -37,12 +39,13 @@ def run(
     for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--iterations", min(iterations or (1,)))):
         if value < 1:
             raise InputError(f"{name} {value}: must be at least 1")
-    config = PRESETS[preset]
-    if motion == "tracks":
-        config = replace(config, motion=MotionSettings())
+    options: Options = {"--preset": ("preset", preset), "--motion": ("motion", {} if motion == "tracks" else motion)}
+    given = Given.by(config, assignments, options)
+    given.chosen("method", [AdaAnchor4DSettings.method], AdaAnchor4DSettings.method)
+    settings = given.applied(PRESETS[given.chosen("preset", PRESETS, "quick")], chosen=["method", "preset"])
     if iterations is not None:
-        config = with_iterations(config, *iterations)
-    trials = trials_of(experiment, captures, out, config, seeds)
+        settings = with_iterations(settings, *iterations)
+    trials = trials_of(experiment, captures, out, settings, seeds)
     with experiment_progress() as bar:
         rows = run_experiment(experiment, trials, out, jobs, bar)
     columns = columns_of(rows)
@@ -58,7 +61,8 @@ def run(
                 table.add_row(*cells(line, columns))
         wide.print(table, crop=False)
     console.print(
-        f"{config.coarse_iterations} + {config.fine_iterations} iterations; ± is the standard deviation over seeds\n"
+        f"{settings.coarse_iterations} + {settings.fine_iterations} iterations; "
+        "± is the standard deviation over seeds\n"
         f"tables: {out / 'table.md'}, {out / 'table.csv'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
         highlight=False,
         soft_wrap=True,

@@ -32,7 +32,7 @@ class Watcher(Protocol):
 def trials_of(
     experiment: Experiment, captures: Iterable[Path], out: Path, settings: AdaAnchor4DSettings, seeds: int
 ) -> list[Trial]:
-    """Seed by seed, so that a table of what is done so far compares like with like.
+    """Seed by seed from the settings' own, so that a table of what is done so far compares like with like.
 
     Raises:
         InputError: two captures have one name.
@@ -50,7 +50,7 @@ def trials_of(
             settings=replace(variant.settings(settings), seed=seed),
             out=out / folder.resolve().name / variant.label.replace(" ", "-") / f"seed{seed}",
         )
-        for seed in range(seeds)
+        for seed in range(settings.seed, settings.seed + seeds)
         for folder in folders
         for variant in experiment.variants
     ]

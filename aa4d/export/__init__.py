@@ -6,10 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from aa4d.errors import InputError
-from aa4d.export.clip import Clip
 from aa4d.output_folder import claim_folder, digest_of
+
+if TYPE_CHECKING:
+    from aa4d.export.clip import Clip
 
 INDEX = "export.json"
 VERSION = 1
@@ -36,6 +39,8 @@ EXPORTERS = {
     "track": Exporter("Gaussians at key times, for the Blender extension", "aa4d.export.track", True),
     "4dgs": Exporter("one file in the 4DGS container", "aa4d.export.fourdgs_container", True, ("fourdgs", "fourdgs")),
 }
+
+AXES = ("world", "viewer")  # z up, or y down
 
 
 def export(clip: Clip, name: str, out: Path, progress: Progress) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +16,6 @@ from aa4d.raster.types import Gaussians
 
 FAINTEST = 1 / 255  # opacity below which no rasteriser draws a Gaussian: left out
 Array = NDArray[np.float64]
-Axes = Literal["world", "viewer"]
 
 # From world (x east, y north, z up) to x right, y down, z forward, which splat viewers take for upright.
 VIEWER = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -42,7 +41,7 @@ class Clip:
     loaded: LoadedModel
     path: CameraPath
     eye: Array | None  # [3] metres, the same for all views; None: each view's own camera
-    axes: Axes = "world"
+    axes: str = "world"  # of aa4d.export.AXES
 
     def __len__(self) -> int:
         return len(self.path.views)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,11 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from aa4d.capture.reader import PinholeCamera, check_name, matrix_of, number_of, pinhole_camera, pose_of
 from aa4d.errors import InputError
 from aa4d.files import read_json_object
+from aa4d.filming.splits import SPLITS
 from aa4d.methods.model_file import LoadedModel
 
 PATH_VERSION = 1
 MOST_VIEWS = 100_000  # a slip of the keyboard should not fill the memory
-Views = Literal["all", "held-out", "training"]
-_SPLITS = {"all": ("train", "test"), "held-out": ("test",), "training": ("train",)}
 
 
 @dataclass(frozen=True)
@@ -48,13 +47,13 @@ class CameraPath:
         }
 
 
-def path_of_frames(loaded: LoadedModel, views: Views) -> CameraPath:
+def path_of_frames(loaded: LoadedModel, views: str) -> CameraPath:
     """The poses and times of the capture's frames. A video of a part of them lasts as long as the clip.
 
     Raises:
         InputError: there is no such frame.
     """
-    frames = [f for f in loaded.frames if f.split in _SPLITS[views]]
+    frames = [f for f in loaded.frames if f.split in SPLITS[views]]
     if not frames:
         raise InputError(f"{loaded.path}: its capture has no {views} frame; choose other --views")
     seconds = frames[-1].time_s - frames[0].time_s
@@ -191,7 +190,7 @@ def view_of_frame(loaded: LoadedModel, name: str) -> View:
 
 def named_path(
     loaded: LoadedModel,
-    views: Views,
+    views: str,
     file: Path | None,
     frames: int | None,
     fps: float | None,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import matplotlib
 import numpy as np
@@ -23,7 +23,6 @@ from aa4d.methods.rendering import render
 from aa4d.methods.scene_model import SceneModel
 from aa4d.raster.types import Output, Rendering
 
-LayerName = Literal["color", "depth", "alpha", "activity", "motion", "speed", "movers"]
 SPATIOTEMPORAL = [p for p, plane in enumerate(PLANES) if plane[1] == "t"]
 NOTHING = 0.01  # alpha below which a pixel shows nothing to colour
 BLACK = (0, 0, 0)  # what such a pixel gets
@@ -123,6 +122,9 @@ LAYERS: dict[str, Layer] = {
 
 # Pictures: anchors painted with colours, which need no scale. [N, 3] sRGB in [0, 1].
 PAINTINGS: dict[str, Callable[[LoadedModel], Tensor]] = {"movers": mover_colors}
+
+# The names of all that `draw` draws, in order.
+NAMES = ChainMap[str, object](PAINTINGS, LAYERS, {"color": None})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ from aa4d.errors import InputError
 
 if TYPE_CHECKING:
     from aa4d.methods.contract import Method
+    from aa4d.methods.settings import RunSettings
 
 # The folder of each, by its name; imported on first use, so that the command line starts without torch.
 METHODS: dict[str, str] = {
@@ -24,3 +26,14 @@ def method_of(name: str) -> Method[Any]:
         raise InputError(f"method {name!r} is unknown; choose one of {', '.join(METHODS)}")
     method: Method[Any] = import_module(f"{METHODS[name]}.method").METHOD
     return method
+
+
+def presets_of(name: str) -> Mapping[str, RunSettings]:
+    """The `PRESETS` of a folder's module `settings`, which needs no torch; `name` is one of `METHODS`."""
+    presets: Mapping[str, RunSettings] = import_module(f"{METHODS[name]}.settings").PRESETS
+    return presets
+
+
+def preset_names() -> tuple[str, ...]:
+    """Those of all methods."""
+    return tuple(dict.fromkeys(preset for name in METHODS for preset in presets_of(name)))

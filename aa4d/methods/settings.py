@@ -9,15 +9,17 @@ docs/training.md. [chosen] was settled here without such a table. Learning rates
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
+
+from aa4d.settings.allowed import Count, Iterations, NameIn, NotNegative, Pixels, Range, Rate, Seed, Share
 
 
 @dataclass(frozen=True)
 class Decay:
     """A learning rate that falls exponentially from `initial` to `final` over its stage."""
 
-    initial: float
-    final: float
+    initial: Rate
+    final: Rate
 
     def at(self, progress: float) -> float:
         """progress in [0, 1]"""
@@ -37,26 +39,26 @@ class CommonRates:
 class DensitySchedule:
     """When units come and go. Iterations count within a stage."""
 
-    statistics_from: int = 500
-    start: int = 1500
-    interval: int = 100
-    until: int = 15000
+    statistics_from: Iterations = 500  # iteration from which they are gathered
+    start: Iterations = 1500  # iteration from which units come and go
+    interval: Count = 100  # iterations from one occasion to the next
+    until: Iterations = 15000  # iteration after which none comes or goes
 
 
 @dataclass(frozen=True)
 class MotionSettings:
     """Rigid groups of anchors that ride on the tracks of movers: beyond the paper (docs/motion.md)."""
 
-    tracks: str = "auto"  # where they come from: a name in aa4d/training/riding.py, or "truth"
-    clean_iterations: int = 400  # [chosen] of the static stage, once more without what seems to move
-    voxel_px: float = 2.0  # [chosen] edge of a rider's finest voxel, in pixels at unit depth
-    learn_from: float = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
-    farthest_px: float = 6.0  # [chosen] that a control point may move from where it was found
-    largest_turn: float = 0.35  # [chosen] radians, likewise
-    # [swept] of the field where anchors ride: with nothing left to chase it may be calm, and learns instants less.
-    time_smoothness: float = 0.1
-    time_constancy: float = 1e-3
-    membership: float = 0.1  # [swept] weight of the share of riders that a pixel shows against the movers' masks
+    tracks: Annotated[str, NameIn("aa4d.motion.sources", "SOURCES")] = "auto"  # where they come from
+    clean_iterations: Iterations = 400  # [chosen] of the static stage, once more without what seems to move
+    voxel_px: Pixels = 2.0  # [chosen] edge of a rider's finest voxel, in pixels at unit depth
+    learn_from: Share = 0.1  # [chosen] share of the fine stage after which trajectories are learned too
+    farthest_px: NotNegative = 6.0  # [chosen] that a control point may move from where it was found
+    largest_turn: Annotated[float, Range(0, 3.15)] = 0.35  # [chosen] radians, likewise
+    # With nothing left to chase, the field may be calm, and learns instants less.
+    time_smoothness: NotNegative = 0.1  # [swept] instead of the loss's, where anchors ride
+    time_constancy: NotNegative = 1e-3  # [swept] likewise
+    membership: NotNegative = 0.1  # [swept] weight of the share of riders that a pixel shows against the movers' masks
 
     @property
     def needs_static(self) -> bool:
@@ -70,23 +72,27 @@ class RunSettings:
 
     method: ClassVar[str]
 
-    preset: str
-    coarse_iterations: int  # of the canonical scene, in which nothing moves
-    fine_iterations: int
-    seed: int = 0
-    checkpoint_every: int = 500  # iterations; a killed run repeats at most so many
+    preset: str  # where the other settings start from
+    coarse_iterations: Count  # of the canonical scene, in which nothing moves
+    fine_iterations: Count  # of the scene in motion
+    seed: Seed = 0  # of everything random
+    checkpoint_every: Count = 500  # iterations; a killed run repeats at most so many
     refine_poses: bool = False  # learn the training cameras' poses with the scene
-    motion: MotionSettings | None = None  # None: nothing rides
+    motion: MotionSettings | None = None  # anchors that ride on movers; None: nothing rides
     rates: CommonRates
     densification: DensitySchedule
+
+    def __post_init__(self) -> None:
+        if self.motion is not None and not isinstance(self, AnchorSettings):
+            raise ValueError(f"motion must be none, for {self.method} has no anchors that could ride")
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnchorSettings(RunSettings):
     """Of a method whose units are anchors: they can ride on rigid groups."""
 
-    voxel_px: float = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
-    embedding_std: float = 0.0  # of the anchors' embeddings at the start, where the method has any
+    voxel_px: Pixels = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
+    embedding_std: NotNegative = 0.0  # of the anchors' embeddings at the start, where the method has any
 
 
 Settings = TypeVar("Settings", bound=RunSettings)

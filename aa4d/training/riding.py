@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -11,40 +9,30 @@ from torch import Tensor, nn
 
 from aa4d.anchors.canonical import spacing
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Boxes, Capture, boxes_of, read_images
-from aa4d.errors import InputError
+from aa4d.capture.reader import Capture, boxes_of, read_images
 from aa4d.methods.anchor_model import AnchorModel
-from aa4d.motion.boxes import box_tracks
-from aa4d.motion.finder import find_tracks
 from aa4d.motion.groups import Groups
 from aa4d.motion.observations import Observations
 from aa4d.motion.seeding import seeds
+from aa4d.motion.sources import SOURCES, followed_boxes
 from aa4d.motion.tracks import Tracks
 from aa4d.motion.truth import truth_tracks
 
 FloatArray = NDArray[np.float32]
-
-# Where tracks come from, by the name that `--tracks` takes. Truth is not among them: it is known beforehand.
-Finder = Callable[[Capture, Observations], Tracks]
-FINDERS: dict[str, Finder] = {
-    "auto": lambda capture, observed: FINDERS["boxes" if _follows_several(capture) else "pictures"](capture, observed),
-    "pictures": lambda _capture, observed: find_tracks(observed),
-    "boxes": lambda capture, observed: box_tracks(observed, _followed_boxes(capture)),
-}
 
 
 def find(source: str, capture: Capture, static_color: FloatArray, static_depth_m: FloatArray) -> Tracks:
     """Tracks of the movers that the training frames show.
 
     Args:
-        source: one of `FINDERS`.
+        source: one of `SOURCES`.
         static_color, static_depth_m: [V, H, W, 3] in [0, 1] and [V, H, W] in world units, zero where nothing is: what
             the static stage shows in place of each training frame.
 
     Raises:
         InputError: boxes are asked for, and the capture has none that follow movers.
     """
-    return FINDERS[source](capture, observations(capture, static_color, static_depth_m))
+    return SOURCES[source](capture, observations(capture, static_color, static_depth_m))
 
 
 def check_source(source: str, capture: Capture) -> None:
@@ -52,7 +40,7 @@ def check_source(source: str, capture: Capture) -> None:
     if source == "truth":
         truth_tracks(capture, capture.of_split("train"))
     elif source == "boxes":
-        _followed_boxes(capture)
+        followed_boxes(capture)
     else:
         boxes_of(capture)
 
@@ -71,22 +59,6 @@ def observations(capture: Capture, static_color: FloatArray, static_depth_m: Flo
         frames=len(capture.frames),
         fps=capture.fps,
     )
-
-
-def _follows_several(capture: Capture) -> bool:
-    """Whether annotators followed the movers; a file with one target follows one of many."""
-    boxes = boxes_of(capture)
-    return boxes is not None and len(np.unique(boxes.target[boxes.target >= 0])) > 1
-
-
-def _followed_boxes(capture: Capture) -> Boxes:
-    boxes = boxes_of(capture)
-    if boxes is None or not (boxes.target >= 0).any():
-        raise InputError(
-            f"{capture.folder}: has no boxes that follow movers from frame to frame; use --tracks pictures, or make "
-            "the capture with `aa4d capture --annotations`"
-        )
-    return boxes
 
 
 def make_groups(tracks: Tracks, frame: ModelFrame) -> Groups:

@@ -18,12 +18,14 @@ from aa4d.capture.reader import Capture
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.image_metrics import decibels
+from aa4d.files import write_text
 from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.methods import method_of
 from aa4d.methods.contract import Stage
 from aa4d.methods.model_file import save_model
 from aa4d.methods.rendering import Rendered, render
 from aa4d.methods.settings import RunSettings
+from aa4d.settings.toml import as_toml
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
 from aa4d.training.frames import TrainingFrames, View, training_frames
 from aa4d.training.history import History
@@ -34,6 +36,8 @@ from aa4d.training.riding import check_source
 from aa4d.training.run_folder import check_folder, claimed
 from aa4d.training.schedule import CLEAN, Schedule, schedule_of
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
+
+HEADING = "The settings of this run; `aa4d train CAPTURE --out RUN --config settings.toml` takes the same."
 
 # What the trainer tells whoever watches, once an iteration: stage, iteration, total, loss, PSNR in dB, units.
 Progress = Callable[[str, int, int, float, float, int], None]
@@ -65,6 +69,7 @@ def train(
         Interrupted: Ctrl-C; the checkpoint and a usable model file of that moment are written.
     """
     chosen = choose_device(device)
+    given = as_toml(settings, HEADING, {"method": settings.method})
     settings = method_of(settings.method).resolved(settings, len(capture.frames))
     description = description_of(capture, settings)
     check_folder(out, description)
@@ -73,6 +78,7 @@ def train(
     # Every image is read here, so that bad input is refused before anything is written.
     run = Run(training_frames(capture, chosen), out, settings)
     with claimed(out, description):
+        write_text(out / "settings.toml", given)
         state = run.last_good_state()
         if run.is_finished(state):
             return run.model_path

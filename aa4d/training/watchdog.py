@@ -47,4 +47,4 @@ def check_finite(optimiser: Adam, what: str) -> None:
 def advice(groups: tuple[str, ...]) -> str:
     if not groups:
         return "check the poses and images of the capture"
-    return f"lower the learning rate of {groups[0]!r} (docs/training.md)"
+    return f"lower the learning rate of {groups[0]!r}: --set rates.{groups[0]}.initial=..."

@@ -13,7 +13,7 @@ from torch import nn
 
 from aa4d.errors import InputError
 from aa4d.evaluation import lpips_weights
-from aa4d.evaluation.lpips import NETWORKS, STACKS, LearnedPerceptualSimilarity
+from aa4d.evaluation.lpips import STACKS, LearnedPerceptualSimilarity
 from aa4d.evaluation.lpips_weights import LINEAR, NotAvailable, WeightsFile, load_lpips, obtain
 
 GENUINE = Path(__file__).parents[2].parent / "shared/data/lpips"
@@ -81,7 +81,7 @@ def test_the_heads_of_vgg_fit_its_taps() -> None:
     assert lpips(a, b) == pytest.approx(lpips(b, a))
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", list(STACKS))
 def test_the_smallest_image_is_the_smallest(network: Any) -> None:
     stack = STACKS[network]
     layers = stack.layers()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from aa4d.methods.settings import AnchorSettings, CommonRates, Decay, DensitySchedule
+from aa4d.settings.allowed import Count, NameIn, NotNegative, Positive, Range, Share, Width
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,60 +29,64 @@ class LearningRates(CommonRates):
 class Densification(DensitySchedule):
     """Growing and pruning of anchors, all [Scaffold-GS], their schedule too, unless marked."""
 
-    gradient_threshold: float = 2e-4  # of the screen-space gradient, normalised device units
-    seen_share: float = 0.8  # of an interval's iterations, before a statistic counts
-    min_opacity: float = 0.005
-    levels: int = 3
-    voxel_factor: int = 16  # of the coarsest level; each further level is 4 times finer
-    max_anchors: int = 200_000  # [chosen] a bound on memory
+    gradient_threshold: Positive = 2e-4  # of the screen-space gradient, normalised device units
+    seen_share: Share = 0.8  # of an interval's iterations, before a statistic counts
+    min_opacity: Share = 0.005  # mean sum over an anchor's Gaussians, below which it is pruned
+    levels: Annotated[int, Range(1, 8)] = 3  # of voxels that anchors grow into
+    voxel_factor: Annotated[int, Range(1, 4096)] = 16  # edge of the coarsest voxels, in finest ones; then quarters
+    max_anchors: Count = 200_000  # [chosen] a bound on memory
 
 
 @dataclass(frozen=True)
 class WarpSettings:
     """DACW: what the paper leaves open (64 bins are the model's). No value swept stood out from the seeds' spread."""
 
-    smoothing: float = 1.5  # [swept] bins
-    gamma: float = 1.0  # [swept]
-    lambda_min: float = 0.2  # [swept]
-    lambda_max: float = 0.8  # [swept]
+    smoothing: NotNegative = 1.5  # [swept] of the histogram, standard deviation in bins
+    gamma: NotNegative = 1.0  # [swept] sensitivity to density
+    lambda_min: Share = 0.2  # [swept] least strength of the adaptation
+    lambda_max: Share = 0.8  # [swept] greatest strength of the adaptation
+
+    def __post_init__(self) -> None:
+        if self.lambda_min > self.lambda_max:
+            raise ValueError(f"lambda_min is {self.lambda_min:g}, above lambda_max, which is {self.lambda_max:g}")
 
 
 @dataclass(frozen=True)
 class LossWeights:
     """Of image and plane terms; the paper states none of them."""
 
-    dssim: float = 0.2  # [Scaffold-GS] D-SSIM; L1 has the rest
-    volume: float = 0.01  # [Scaffold-GS] mean volume of the drawn Gaussians
-    plane_smoothness: float = 2e-4  # [MoDec-GS] its local field
-    time_smoothness: float = 1e-3  # [MoDec-GS]
-    time_constancy: float = 1e-4  # [MoDec-GS]
+    dssim: Share = 0.2  # [Scaffold-GS] D-SSIM; L1 has the rest
+    volume: NotNegative = 0.01  # [Scaffold-GS] mean volume of the drawn Gaussians
+    plane_smoothness: NotNegative = 2e-4  # [MoDec-GS] its local field; of the spatial planes
+    time_smoothness: NotNegative = 1e-3  # [MoDec-GS] of the time planes along t
+    time_constancy: NotNegative = 1e-4  # [MoDec-GS] of the distance of time planes from 1
 
 
 @dataclass(frozen=True)
 class ModelConfig:
     """Sizes and switches."""
 
-    offsets: int = 10  # K [Scaffold-GS]
-    feature_dim: int = 32  # [Scaffold-GS]
-    embedding_dim: int = 32  # [paper]
-    plane_dim: int = 16  # C [4D-GS]; with 64 and 128 rows it gives the paper's neural sizes (docs/training.md)
-    spatial_resolutions: tuple[int, ...] = (64, 128)  # one a level [4D-GS]
-    temporal_resolution: int | None = None  # rows along t; None: by the number of frames
+    offsets: Annotated[int, Range(1, 64)] = 10  # [Scaffold-GS] K, Gaussians of an anchor
+    feature_dim: Width = 32  # [Scaffold-GS]
+    embedding_dim: Width = 32  # [paper]
+    plane_dim: Width = 16  # [4D-GS] C; with 64 and 128 rows it gives the paper's neural sizes (docs/training.md)
+    spatial_resolutions: tuple[Width, ...] = (64, 128)  # [4D-GS] cells a side, one a level
+    temporal_resolution: Width | None = None  # rows along t; None: by the number of frames
     dlgd: bool = True  # off: offsets and scales do not deform
     dacw: bool = True  # off: the planes are queried at linearly normalised coordinates
-    bins: int = 64  # [paper] of DACW
-    weight_hidden: int = 256  # [paper] of Phi_w
-    geometry_hidden: int = 128  # [paper] of Phi_o, Phi_s
-    encoder_width: int = 128  # [MoDec-GS]
-    decoder_hidden: int = 32  # [Scaffold-GS]
-    aggregation: str = "acfa"  # [paper] a name in aggregation.py
+    bins: Annotated[int, Range(1, 4096)] = 64  # [paper] of DACW
+    weight_hidden: Width = 256  # [paper] of Phi_w
+    geometry_hidden: Width = 128  # [paper] of Phi_o, Phi_s
+    encoder_width: Width = 128  # [MoDec-GS] of what heads take
+    decoder_hidden: Width = 32  # [Scaffold-GS]
+    aggregation: Annotated[str, NameIn("aa4d.methods.adaanchor4d.aggregation", "AGGREGATIONS")] = "acfa"  # [paper]
 
 
 @dataclass(frozen=True, kw_only=True)
 class AdaAnchor4DSettings(AnchorSettings):
     method: ClassVar[str] = "adaanchor4d"
 
-    embedding_std: float = 0.01  # [swept] of the embeddings at the start; 1 costs half a decibel
+    embedding_std: NotNegative = 0.01  # [swept] of the embeddings at the start; 1 costs half a decibel
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification = field(default_factory=Densification)
     warp: WarpSettings = field(default_factory=WarpSettings)

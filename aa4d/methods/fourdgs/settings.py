@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from aa4d.methods.gaussians.density import CloneAndSplit
+from aa4d.methods.gaussians.settings import CloneAndSplit
 from aa4d.methods.settings import CommonRates, Decay, RunSettings
+from aa4d.settings.allowed import Count, NotNegative, Pixels, Share, Width
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,29 +31,29 @@ class Rates(CommonRates):
 class LossWeights:
     """L1 has no weight of its own."""
 
-    dssim: float = 0.0  # [4D-GS]
-    plane_smoothness: float = 2e-4  # [4D-GS]
-    time_smoothness: float = 1e-3  # [4D-GS]
-    time_constancy: float = 1e-4  # [4D-GS]
+    dssim: Share = 0.0  # [4D-GS]
+    plane_smoothness: NotNegative = 2e-4  # [4D-GS]
+    time_smoothness: NotNegative = 1e-3  # [4D-GS]
+    time_constancy: NotNegative = 1e-4  # [4D-GS]
 
 
 @dataclass(frozen=True)
 class ModelConfig:
-    plane_dim: int = 16  # [4D-GS]
-    spatial_resolutions: tuple[int, ...] = (64, 128, 256)  # [4D-GS] one a level
-    temporal_resolution: int | None = None  # rows along t; None: by the number of frames [4D-GS]
-    width: int = 128  # [4D-GS]
-    # [4D-GS] lets the position learn from where it is looked up as well; it takes the slow path through the planes.
-    learn_lookup: bool = False  # [chosen]
+    plane_dim: Width = 16  # [4D-GS]
+    spatial_resolutions: tuple[Width, ...] = (64, 128, 256)  # [4D-GS] cells a side, one a level
+    temporal_resolution: Width | None = None  # [4D-GS] rows along t; None: by the number of frames
+    width: Width = 128  # [4D-GS]
+    # 4D-GS does; it takes the slow path through the planes.
+    learn_lookup: bool = False  # [chosen] let positions learn from where they are looked up as well
 
 
 @dataclass(frozen=True, kw_only=True)
 class FourDGSSettings(RunSettings):
     method: ClassVar[str] = "fourdgs"
 
-    voxel_px: float = 2.0  # [chosen] one Gaussian a voxel at the start, in pixels at unit depth
-    views_per_step: int = 2  # [4D-GS]
-    degree_every: int = 1000  # [4D-GS] iterations after which the harmonics get a degree more
+    voxel_px: Pixels = 2.0  # [chosen] one Gaussian a voxel at the start, in pixels at unit depth
+    views_per_step: Count = 2  # [4D-GS] that an iteration looks at
+    degree_every: Count = 1000  # [4D-GS] iterations after which the harmonics get a degree more
     rates: Rates = field(default_factory=Rates)
     densification: CloneAndSplit = field(
         default_factory=lambda: CloneAndSplit(

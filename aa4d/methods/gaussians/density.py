@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
 from aa4d.anchors.densification import Statistics
 from aa4d.methods.contract import UnitEdit
 from aa4d.methods.gaussians.model import GaussianModel
-from aa4d.methods.settings import DensitySchedule
+from aa4d.methods.gaussians.settings import CloneAndSplit
 
 SPLIT_SHRINK = 1.6
-
-
-@dataclass(frozen=True, kw_only=True)
-class CloneAndSplit(DensitySchedule):
-    """All 3DGS's, in the model's frame, where its "extent" is 1: the scene's depth."""
-
-    gradient_threshold: float = 2e-4  # of the screen-space gradient, normalised device units
-    largest_clone: float = 0.01  # scale above which a Gaussian is split
-    min_opacity: float = 0.005
-    prune_above: int = 0  # with no more Gaussians than that, none goes for being transparent
-    max_gaussians: int = 360_000
 
 
 @torch.no_grad()
