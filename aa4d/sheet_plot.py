@@ -7,14 +7,7 @@ from typing import Any
 
 from aa4d.files import read_json_object
 
-# What the numbers of truth/activity mean, docs/truth.md: name and colour.
-ACTIVITY = (
-    ("static", "#3b4252"),
-    ("intermittent", "#f2a33a"),
-    ("persistent", "#d9412b"),
-    ("appearance-only", "#5aa9e6"),
-    ("unseen", "#e8ebf0"),
-)
+ACTIVITY_COLORS = ("#3b4252", "#f2a33a", "#d9412b", "#5aa9e6", "#e8ebf0")  # by label
 
 
 def plot(measured: Path, picture: Path) -> None:
@@ -26,13 +19,15 @@ def plot(measured: Path, picture: Path) -> None:
     from matplotlib.layout_engine import ConstrainedLayoutEngine
     from matplotlib.patches import Patch
 
+    from aa4d.evaluation.activity import CLASSES
+
     found = read_json_object(measured, "the measurements of `aa4d synth sheet`")
     rows, (width, height) = found["scenes"], found["size"]
     across = 3.2  # inches of a picture
     tight = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0, hspace=0)
     figure = Figure(figsize=(4 * across, len(rows) * across * height / width + 0.45), layout=tight)
     axes = figure.subplots(len(rows), 4, squeeze=False)
-    colours = ListedColormap([colour for _, colour in ACTIVITY])
+    colours = ListedColormap(ACTIVITY_COLORS)
     for row, cells in zip(rows, axes, strict=True):
         folder = measured.parent / row["scene"]
         with np.load(folder / "truth.npz", allow_pickle=False) as truth:
@@ -41,14 +36,15 @@ def plot(measured: Path, picture: Path) -> None:
         cells[1].imshow(np.log(depth), cmap="viridis_r")  # the sky is infinite, and stays white
         cells[2].imshow(flow_colours(flow))
         labels = np.round(255 * imread(folder / "activity.png"))
-        cells[3].imshow(labels, cmap=colours, vmin=0, vmax=len(ACTIVITY) - 1, interpolation="nearest")
+        cells[3].imshow(labels, cmap=colours, vmin=0, vmax=len(CLASSES) - 1, interpolation="nearest")
         cells[0].set_ylabel(row["scene"])
     for axis, title in zip(axes[0], ("frame", "depth", "flow to the next frame", "activity"), strict=True):
         axis.set_title(title, fontsize=10)
     for axis in axes.ravel():
         axis.set(xticks=[], yticks=[])
         axis.spines[:].set_visible(False)
-    patches = [Patch(facecolor=colour, edgecolor="#999999", label=name) for name, colour in ACTIVITY]
+    named = zip(CLASSES, ACTIVITY_COLORS, strict=True)
+    patches = [Patch(facecolor=colour, edgecolor="#999999", label=name) for name, colour in named]
     figure.legend(handles=patches, loc="outside lower right", ncols=len(patches), fontsize=9, frameon=False)
     figure.savefig(picture, dpi=110)
 

@@ -74,7 +74,17 @@ def random_model(path: Path, anchors: int) -> None:
         "model_to_world": np.diag([50.0, 50.0, 50.0, 1.0]).tolist(),
         "fps": 24.0,
         "camera": {"model": "PINHOLE", "width": 320, "height": 180, "K": [[280, 0, 160], [0, 280, 90], [0, 0, 1]]},
-        "frames": [{"viewmat": view.tolist()} for _ in range(FRAMES)],
+        "frames": [
+            {
+                "name": f"{rank:06}",
+                "image": f"frames/{rank:06}.png",
+                "time_s": rank / 24,
+                "t": rank / (FRAMES - 1),
+                "split": "train" if rank % 8 else "test",
+                "viewmat": view.tolist(),
+            }
+            for rank in range(FRAMES)
+        ],
         "capture": None,
         "background": [0.5, 0.5, 0.5],
         "training": {"seconds": 0.0},

@@ -7,7 +7,7 @@ memory is asked for than the file has bytes. Format: https://github.com/huggingf
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float32]
 
+DTYPES = {"F32": "<f4", "U32": "<u4", "I32": "<i4", "U16": "<u2", "U8": "u1"}  # safetensors' names, numpy's
 HEADER_LIMIT = 100_000_000  # bytes; the limit of the safetensors format itself
 
 
@@ -30,10 +31,11 @@ class ModelFileError(Exception):
 
 @dataclass(frozen=True)
 class Entry:
-    """One float32 tensor: where its bytes lie in the file."""
+    """One tensor: where its bytes lie in the file."""
 
     shape: tuple[int, ...]
     start: int  # from the beginning of the file
+    dtype: str = "F32"
 
 
 @dataclass(frozen=True)
@@ -44,11 +46,11 @@ class Header:
     entries: Mapping[str, Entry]
 
 
-def read_header(path: Path) -> Header:
+def read_header(path: Path, dtypes: Collection[str] = ("F32",)) -> Header:
     """Read the header; check that the tensors fill the rest of the file without gap or overlap.
 
     Raises:
-        ModelFileError: the file is missing, cut short, or not a safetensors file of float32 tensors.
+        ModelFileError: the file is missing, cut short, or not a safetensors file of tensors of these types alone.
     """
     try:
         with path.open("rb") as file:
@@ -72,20 +74,22 @@ def read_header(path: Path) -> Header:
     if not isinstance(metadata, dict) or not all(isinstance(value, str) for value in metadata.values()):
         raise ModelFileError(f"{path.name} has a damaged header: __metadata__ must map names to strings.")
     data_start = 8 + length
-    spans = sorted(_span(path.name, name, value, size - data_start) for name, value in header.items())
+    spans = sorted(_span(path.name, name, value, size - data_start, dtypes) for name, value in header.items())
     end = 0
-    for begin, stop, name, _ in spans:
+    for begin, stop, name, *_ in spans:
         if begin != end:
             problem = "overlaps the tensor before it" if begin < end else "leaves unnamed bytes before it"
             raise ModelFileError(f"{path.name} is damaged: tensor {name} {problem}.")
         end = stop
     if end != size - data_start:
         raise ModelFileError(f"{path.name} is damaged: {size - data_start - end} unnamed bytes follow the last tensor.")
-    return Header(metadata, {name: Entry(shape, data_start + begin) for begin, _, name, shape in spans})
+    return Header(metadata, {name: Entry(shape, data_start + begin, dtype) for begin, _, name, shape, dtype in spans})
 
 
-def _span(file_name: str, name: str, value: Any, available: int) -> tuple[int, int, str, tuple[int, ...]]:
-    """The checked (begin, end, name, shape) of one header entry; offsets from the start of the data."""
+def _span(
+    file_name: str, name: str, value: Any, available: int, dtypes: Collection[str]
+) -> tuple[int, int, str, tuple[int, ...], str]:
+    """The checked (begin, end, name, shape, dtype) of one header entry; offsets from the start of the data."""
     try:
         dtype, shape, (begin, end) = value["dtype"], value["shape"], value["data_offsets"]
         numbers = [*shape, begin, end]
@@ -95,31 +99,35 @@ def _span(file_name: str, name: str, value: Any, available: int) -> tuple[int, i
         ) from error
     if not all(type(number) is int and number >= 0 for number in numbers):
         raise ModelFileError(f"{file_name} has a damaged header: tensor {name} has an impossible shape or offset.")
-    if dtype != "F32":
-        raise ModelFileError(f"{file_name}: tensor {name} is of type {dtype}; a model file holds F32 alone.")
+    if not isinstance(dtype, str) or dtype not in dtypes:
+        known = ", ".join(dtypes)
+        raise ModelFileError(
+            f"{file_name}: tensor {name} is of type {str(dtype)[:20]}; such a file holds {known} alone."
+        )
     if end > available:
         raise ModelFileError(f"{file_name} is cut short: tensor {name} ends {end - available} bytes after the file.")
-    if end - begin != 4 * math.prod(shape):
+    if end - begin != np.dtype(DTYPES[dtype]).itemsize * math.prod(shape):
         raise ModelFileError(f"{file_name} has a damaged header: the bytes of tensor {name} do not fit its shape.")
-    return begin, end, name, tuple(shape)
+    return begin, end, name, tuple(shape), dtype
 
 
-def read_tensors(path: Path, entries: Mapping[str, Entry], names: Iterable[str]) -> dict[str, Floats]:
+def read_tensors(path: Path, entries: Mapping[str, Entry], names: Iterable[str]) -> dict[str, npt.NDArray[Any]]:
     """Read the named tensors; every value must be finite.
 
     Raises:
         ModelFileError: the file changed under the reader, or a tensor holds NaN or infinity.
     """
-    tensors: dict[str, Floats] = {}
+    tensors: dict[str, npt.NDArray[Any]] = {}
     try:
         with path.open("rb") as file:
             for name in names:
-                shape = entries[name].shape
+                shape, kind = entries[name].shape, np.dtype(DTYPES[entries[name].dtype])
                 file.seek(entries[name].start)
-                data = file.read(4 * math.prod(shape))
-                if len(data) != 4 * math.prod(shape):
+                size = kind.itemsize * math.prod(shape)
+                data = file.read(size)
+                if len(data) != size:
                     raise ModelFileError(f"{path.name} is cut short in tensor {name}.")
-                tensors[name] = np.frombuffer(data, "<f4").reshape(shape).astype(np.float32, copy=False)
+                tensors[name] = np.frombuffer(data, kind).reshape(shape).astype(kind.newbyteorder("="), copy=False)
     except OSError as error:
         raise ModelFileError(f"{path.name} cannot be read: {error.strerror or error}.") from error
     for name, tensor in tensors.items():

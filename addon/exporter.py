@@ -10,7 +10,6 @@ import bpy
 import numpy as np
 
 from . import modifiers, names, parts, points, snapshot, splat_ply, time_nodes
-from .container import Floats
 from .node_tree import Tree, versioned_group
 
 NOTHING_SHOWN = "Nothing is shown: the filters and the crop let no point through."
@@ -35,7 +34,7 @@ def export_ply(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
             if not seen.any() and len(frames) == 1:
                 raise OSError(NOTHING_SHOWN)
             target = path if len(frames) == 1 else path.with_name(f"{path.stem}_{frame:04}{path.suffix}")
-            colors = srgb(now.colors[seen, :3])
+            colors = splat_ply.srgb(now.colors[seen, :3])
             splat_ply.write_ply(
                 target, now.positions[seen], colors, now.opacity[seen], now.scales[seen], now.rotations[seen]
             )
@@ -68,7 +67,7 @@ def export_usd(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
     if not seen.any():
         raise OSError(NOTHING_SHOWN)
     cloud = _cloud(obj, context, moments, seen, frames[0])
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     kept = scene.frame_start, scene.frame_end
     try:
         scene.frame_start, scene.frame_end = frames[0], frames[-1]
@@ -154,9 +153,3 @@ def _bare(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[list[bpy.ty
             yield copies
     finally:
         scene.frame_set(math.floor(frame), subframe=frame % 1)
-
-
-def srgb(linear: Floats) -> Floats:
-    """Linear values as sRGB ones (IEC 61966-2-1)."""
-    curved = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curved).astype(np.float32)

@@ -343,7 +343,8 @@ def _warped(model: Model, canonical: Floats) -> Floats:
     lower, upper = model.tensors["field.box"]
     boundaries = model.tensors["warp.boundaries"]
     uniform = np.linspace(-1, 1, boundaries.shape[1])
-    u = np.clip(2 * (canonical - lower) / (upper - lower) - 1, -1, 1)
+    flat = np.float32(1) * (upper == lower)  # an axis without extent counts as one unit more to both sides
+    u = np.clip(2 * (canonical - (lower - flat)) / (upper - lower + 2 * flat) - 1, -1, 1)
     return np.stack([np.interp(u[:, axis], uniform, boundaries[axis]) for axis in range(3)], axis=1).astype(np.float32)
 
 

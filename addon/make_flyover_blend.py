@@ -150,7 +150,7 @@ def build_scene(options: argparse.Namespace) -> None:
     stop_if_asked()
     if options.render is not None:
         picture = options.render.resolve()
-        partial = picture.with_name(f".{picture.stem}.partial.png")
+        partial = picture.with_name(f".{picture.stem}.part.png")
         scene.render.image_settings.file_format = "PNG"
         scene.render.filepath = str(partial)
         picture.parent.mkdir(parents=True, exist_ok=True)

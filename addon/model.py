@@ -1,7 +1,6 @@
 """The model file: its metadata and tensors, checked (docs/formats.md, "The model file", versions 1 and 2)."""
 
 import json
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,16 +8,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .container import Entry, Floats, ModelFileError, read_header, read_tensors
 from .groups import FEWEST_CONTROLS, Groups
-
-Doubles = npt.NDArray[np.float64]
+from .header import (
+    FARTHEST_M,
+    FASTEST_FPS,
+    LONGEST_NAME,
+    Camera,
+    Doubles,
+    array,
+    integer,
+    number,
+    pinhole,
+    poses_and_images,
+    require,
+)
+from .names import PLANES
 
 VERSION = 2  # the newest that is read
+METHOD = "adaanchor4d"
 GROUPED = 2  # the first whose anchors ride on groups
-PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
 # What Phi_w sees in each aggregation that has weights: an embedding of the anchors, and whether the time.
 WEIGHTED: dict[str, tuple[str | None, bool]] = {
     "acfa": ("embedding_acfa", True),
@@ -26,10 +36,11 @@ WEIGHTED: dict[str, tuple[str | None, bool]] = {
     "time_only": (None, True),
 }
 AGGREGATIONS = (*WEIGHTED, "mean", "product")
+# docs/formats.md, "What readers refuse": the limits that aa4d holds as well.
 WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
-LONGEST_NAME = 200  # characters, of a group
 UNIT_TOLERANCE = 1e-3  # of the length of `groups.up`
-LIMIT_M = 10_000.0  # a world has a local origin; beyond 10 km float32 loses millimetres
+UNIFORM_TOLERANCE = 1e-6  # of boundaries without DACW
+FARTHEST_MODEL_M = 2 * FARTHEST_M  # learning moves anchors on from points that a capture holds within `FARTHEST_M`
 
 
 @dataclass(frozen=True)
@@ -44,15 +55,7 @@ class Config:
     bins: int
     aggregation: str
     dlgd: bool
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A pinhole camera: pixels, OpenCV axes, the centre of pixel (i, j) at (i + 0.5, j + 0.5)."""
-
-    width: int
-    height: int
-    K: Doubles  # [3, 3]
+    dacw: bool
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ class Model:
     fps: float
     camera: Camera
     viewmats: Doubles  # [frames, 4, 4], world to camera, in presentation order
-    images: tuple[str, ...]  # of the frames, relative to the capture; empty where the file does not say
+    images: tuple[str, ...]  # of the frames, relative to the capture
     capture: str | None  # the capture's folder, relative to the model file
     background: tuple[float, float, float]  # sRGB
     tensors: Mapping[str, Floats]
@@ -118,33 +121,41 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     version = information.get("version")
     if type(version) is not int or version < 1:
         raise ModelFileError(f"{path.name} has no usable version number in its aa4d metadata.")
+    if version > VERSION and isinstance(method := information.get("method"), str) and method != METHOD:
+        raise ModelFileError(
+            f"{path.name} is a model of {method[:40]!r}, and this add-on draws {METHOD} alone; export its track file "
+            "with aa4d export --format track."
+        )
     if version > VERSION:
         raise ModelFileError(
             f"{path.name} is a model file of version {version}, newer than version {VERSION} that this add-on reads; "
             "update the add-on."
         )
     try:
+        require(information.get("method", METHOD) == METHOD, f"method must be {METHOD} before version {VERSION + 1}")
         static = {"coarse": True, "fine": False}[information["stage"]]
         config = _config(information["config"])
         scale, translation = _similarity(information["model_to_world"])
-        fps = _number(information["fps"], "fps")
-        _require(0 < fps <= 1000, "fps must lie in (0, 1000]")
-        camera = _camera(information["camera"])
-        viewmats = _viewmats(information["frames"])
-        background = _array(information["background"], (3,), "background")
-        _require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
-        images = tuple(frame.get("image") for frame in information["frames"])
-        capture = information.get("capture")
+        fps = number(information["fps"], "fps")
+        require(0 < fps <= FASTEST_FPS, f"fps must lie in (0, {FASTEST_FPS:g}]")
+        camera = pinhole(information["camera"])
+        viewmats, images = poses_and_images(information["frames"])
+        background = array(information["background"], (3,), "background")
+        require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
+        require(number(information["training"]["seconds"], "training.seconds") >= 0, "training.seconds is negative")
+        capture = information["capture"]
+        require(capture is None or isinstance(capture, str), "capture must be a path or null")
         group_names = _group_names(information["groups"]) if version >= GROUPED else None
+        require(group_names is not None or "anchors.group" not in header.entries, "version 1 knows no groups")
     except KeyError as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata lacks or misspells {error}.") from error
     except (TypeError, AttributeError) as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata is not laid out as docs/formats.md says.") from error
     except (ValueError, OverflowError) as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata is not usable: {error}.") from error
-    tensors = read_tensors(path, header.entries, _check_shapes(path.name, header.entries, config, static, group_names))
+    tensors = read_tensors(path, header.entries, _check_shapes(path.name, header.entries, config, group_names))
     groups = None if group_names is None else _groups(path.name, tensors, group_names)
-    _check_values(path.name, tensors, scale, translation)
+    _check_values(path.name, tensors, groups, config, scale, translation)
     return Model(
         path=path,
         static=static,
@@ -154,91 +165,47 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         fps=fps,
         camera=camera,
         viewmats=viewmats,
-        images=images if all(isinstance(image, str) for image in images) else (),
-        capture=capture if isinstance(capture, str) else None,
+        images=images,
+        capture=capture,
         background=(float(background[0]), float(background[1]), float(background[2])),
         tensors=tensors,
         groups=groups,
     )
 
 
-def _require(condition: Any, problem: str) -> None:
-    if not condition:
-        raise ValueError(problem)
-
-
-def _number(value: Any, name: str) -> float:
-    _require(type(value) in (int, float) and math.isfinite(value), f"{name} must be a finite number")
-    return float(value)
-
-
-def _integer(value: Any, name: str, largest: int) -> int:
-    _require(type(value) is int and 1 <= value <= largest, f"{name} must be a whole number from 1 to {largest}")
-    return int(value)
-
-
-def _array(value: Any, shape: tuple[int, ...], name: str) -> Doubles:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.empty(0)
-    _require(array.shape == shape and np.isfinite(array).all(), f"{name} must be finite numbers of shape {list(shape)}")
-    return array
-
-
 def _config(value: Any) -> Config:
     aggregation = value.get("aggregation", "acfa")
-    _require(
+    require(
         aggregation in AGGREGATIONS,
         f"aggregation {aggregation!r} is unknown; this add-on knows {', '.join(AGGREGATIONS)}",
     )
-    # Without DACW the boundaries are uniform: nothing here depends on that switch.
-    for switch in ("dlgd", "dacw"):
-        _require(type(value.get(switch, True)) is bool, f"config.{switch} must be true or false")
+    switches = {name: value.get(name, True) for name in ("dlgd", "dacw")}
+    for name, switch in switches.items():
+        require(type(switch) is bool, f"config.{name} must be true or false")
     names = ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins")
-    sizes = {name: _integer(value[name], f"config.{name}", WIDEST) for name in names}
-    return Config(**sizes, aggregation=aggregation, dlgd=value.get("dlgd", True))
+    sizes = {name: integer(value[name], f"config.{name}", WIDEST) for name in names}
+    return Config(**sizes, aggregation=aggregation, dlgd=switches["dlgd"], dacw=switches["dacw"])
 
 
 def _similarity(value: Any) -> tuple[float, Doubles]:
-    matrix = _array(value, (4, 4), "model_to_world")
+    matrix = array(value, (4, 4), "model_to_world")
     scale = matrix[0, 0]
     expected = np.diag([scale, scale, scale, 1.0])
     expected[:3, 3] = matrix[:3, 3]
-    _require(
-        scale > 0 and np.allclose(matrix, expected, rtol=0, atol=1e-6 * scale),
+    require(
+        scale > 0 and np.array_equal(matrix, expected),
         "model_to_world must be a positive uniform scale and a translation",
     )
     return float(scale), matrix[:3, 3]
 
 
-def _camera(value: Any) -> Camera:
-    _require(value["model"] == "PINHOLE", "camera.model must be PINHOLE")
-    K = _array(value["K"], (3, 3), "camera.K")
-    pinhole = np.array([[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]])
-    _require(
-        K[0, 0] > 0 and K[1, 1] > 0 and np.array_equal(K, pinhole), "camera.K must be [[fx,0,cx],[0,fy,cy],[0,0,1]]"
-    )
-    return Camera(_integer(value["width"], "camera.width", 65536), _integer(value["height"], "camera.height", 65536), K)
-
-
-def _viewmats(frames: Any) -> Doubles:
-    _require(isinstance(frames, list) and frames, "frames must be a list of at least one frame")
-    viewmats = np.stack([_array(frame["viewmat"], (4, 4), f"viewmat of frame {i}") for i, frame in enumerate(frames)])
-    rotations = viewmats[:, :3, :3]
-    rigid = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-4
-    rigid &= (np.linalg.det(rotations) > 0) & (viewmats[:, 3] == [0, 0, 0, 1]).all(axis=1)
-    _require(rigid.all(), f"viewmat of frame {int(np.argmin(rigid))} must be a rotation and a translation")
-    return viewmats
-
-
 def _group_names(value: Any) -> tuple[str, ...]:
-    _require(isinstance(value, list), "groups must be a list")
+    require(isinstance(value, list), "groups must be a list")
     group_names = tuple(group["name"] for group in value)
-    for number, name in enumerate(group_names):
-        _require(
+    for row, name in enumerate(group_names):
+        require(
             isinstance(name, str) and len(name) <= LONGEST_NAME,
-            f"the name of group {number} must be a text of at most {LONGEST_NAME} characters",
+            f"the name of group {row} must be a text of at most {LONGEST_NAME} characters",
         )
     return group_names
 
@@ -272,10 +239,9 @@ def _check_shapes(
     file_name: str,
     entries: Mapping[str, Entry],
     config: Config,
-    static: bool,
     group_names: tuple[str, ...] | None,
 ) -> list[str]:
-    """Check presence and shape of every tensor that an evaluation reads; return their names."""
+    """Check presence and shape of every tensor of a model; return their names."""
 
     def shape_of(name: str) -> tuple[int, ...]:
         if name not in entries:
@@ -297,8 +263,10 @@ def _check_shapes(
         names.extend((expect(f"{name}.weight", width, inputs), expect(f"{name}.bias", width)))
         return width
 
-    def network(name: str, outputs: int, inputs: int) -> None:
-        layer(f"{name}.output", outputs, layer(f"{name}.hidden", None, inputs))
+    def network(name: str, outputs: int, inputs: int, hidden: int | None = None) -> int:
+        width = layer(f"{name}.hidden", hidden, inputs)
+        layer(f"{name}.output", outputs, width)
+        return width
 
     names: list[str] = []
     count = next(iter(shape_of("anchors.position")), 0)
@@ -309,9 +277,10 @@ def _check_shapes(
     names.append(expect("anchors.feature", count, F))
     names.append(expect("anchors.offset", count, K, 3))
     names.append(expect("anchors.log_scale", count, 6))
-    network("decoder_opacity", K, F + 3)
-    network("decoder_color", 3 * K, F + 3)
-    network("decoder_covariance", 7 * K, F + 3)
+    names.append(expect("anchors.embedding_acfa", count, E))
+    width = network("decoder_opacity", K, F + 3)
+    network("decoder_color", 3 * K, F + 3, width)
+    network("decoder_covariance", 7 * K, F + 3, width)
     if group_names is not None:
         G, shape = len(group_names), shape_of("groups.position")
         if len(shape) != 3 or shape[0] != G or shape[1] < FEWEST_CONTROLS or shape[2] != 3:
@@ -322,53 +291,64 @@ def _check_shapes(
         names.append(expect("anchors.group", count))
         names.append(expect("groups.position", *shape))
         names.append(expect("groups.heading", G, shape[1]))
+        names.append(expect("groups.start", G, shape[1], 4))
         names.append(expect("groups.reference", G, 4))
         names.append(expect("groups.shown", G, 4))
         names.append(expect("groups.up", 3))
-    if static:
-        return names
     names.append(expect("field.box", 2, 3))
     names.append(expect("warp.boundaries", 3, config.bins + 1))
     for level in range(config.levels):
+        # One resolution a level, and one of time for all: those of the level's, and of the first, plane xt.
+        shape, first = shape_of(f"field.planes.{level}.xt"), shape_of("field.planes.0.xt")
+        if len(shape) != 3 or shape[0] != config.plane_dim or min(shape) < 1:
+            raise ModelFileError(
+                f"{file_name}: tensor field.planes.{level}.xt has shape {list(shape)}, not [{config.plane_dim}, rows, "
+                "columns]."
+            )
         for plane in PLANES:
-            name = f"field.planes.{level}.{plane}"
-            shape = shape_of(name)
-            if len(shape) != 3 or shape[0] != config.plane_dim or min(shape) < 1:
-                raise ModelFileError(
-                    f"{file_name}: tensor {name} has shape {list(shape)}, not [{config.plane_dim}, rows, columns]."
-                )
-            names.append(name)
+            rows = first[1] if plane[1] == "t" else shape[2]
+            names.append(expect(f"field.planes.{level}.{plane}", config.plane_dim, rows, shape[2]))
     if config.aggregation in WEIGHTED:
         embedding, timed = WEIGHTED[config.aggregation]
-        if embedding is not None:
-            names.append(expect(f"anchors.{embedding}", count, E))
         network("acfa", len(PLANES) * config.plane_dim, (E if embedding is not None else 0) + timed)
     width = layer("encoder", None, config.levels * config.plane_dim)
-    network("head_position", 3, width)
-    network("head_feature", F, width)
+    network("head_position", 3, width, width)
+    network("head_feature", F, width, width)
     if config.dlgd:
         names.append(expect("anchors.embedding_offset", count, E))
         names.append(expect("anchors.embedding_scale", count, E))
-        network("dlgd_offset", 3 * K, E + 1)
-        network("dlgd_scale", 6, E + 1)
+        network("dlgd_offset", 3 * K, E + 1, network("dlgd_scale", 6, E + 1))
     return names
 
 
-def _check_values(file_name: str, tensors: Mapping[str, Floats], scale: float, translation: Doubles) -> None:
-    for what, name in (
-        ("an anchor", "anchors.position"),
-        ("a group", "groups.position"),
-        ("a group", "groups.reference"),
-    ):
-        places = tensors.get(name, np.empty((0, 3), np.float32))[..., :3].astype(np.float64)
-        farthest = float(np.abs(scale * places + translation).max(initial=0))
-        if farthest > LIMIT_M:
+def _check_values(
+    file_name: str,
+    tensors: Mapping[str, Floats],
+    groups: Groups | None,
+    config: Config,
+    scale: float,
+    translation: Doubles,
+) -> None:
+    places = {"an anchor": tensors["anchors.position"].astype(np.float64)}
+    if groups is not None:
+        riders, places["a group"] = (
+            groups.riders,
+            np.concatenate([groups.control[..., :3].reshape(-1, 3), groups.reference[:, :3]]),
+        )
+        if len(riders):
+            member = groups.of_anchor[riders]
+            places["an anchor"][riders] = groups.at_reference().to_world(member, tensors["anchors.position"][riders])
+    for what, points in places.items():
+        farthest = float(np.abs(scale * points + translation).max(initial=0))
+        if not farthest <= FARTHEST_MODEL_M:
             raise ModelFileError(
-                f"{file_name} places {what} {farthest:.0f} m from the origin; a world is local, within {LIMIT_M:.0f} m."
+                f"{file_name} places {what} {farthest:.3g} m from the origin; a world is local, within "
+                f"{FARTHEST_MODEL_M:g} m."
             )
-    box = tensors.get("field.box")
-    if box is not None and not (box[1] > box[0]).all():
-        raise ModelFileError(f"{file_name}: field.box must have its upper corner above its lower corner.")
-    boundaries = tensors.get("warp.boundaries")
-    if boundaries is not None and (np.diff(boundaries, axis=1) < 0).any():
+    box, boundaries = tensors["field.box"], tensors["warp.boundaries"]
+    if not (box[1] >= box[0]).all():
+        raise ModelFileError(f"{file_name}: field.box must not have its upper corner below its lower corner.")
+    if (np.diff(boundaries, axis=1) < 0).any():
         raise ModelFileError(f"{file_name}: warp.boundaries must not decrease along an axis.")
+    if not config.dacw and np.abs(boundaries - np.linspace(-1, 1, config.bins + 1)).max() > UNIFORM_TOLERANCE:
+        raise ModelFileError(f"{file_name} says dacw false, but its warp.boundaries are not uniform.")

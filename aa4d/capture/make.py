@@ -31,7 +31,7 @@ from aa4d.capture.sources import Source, open_source
 from aa4d.capture.spacing import Pace, choose_spacing, spacing_advice
 from aa4d.capture.undistortion import Undistortion, pinhole_boxes, pinhole_of, pinhole_pixels, viewmat_of
 from aa4d.capture.workspace import DiskFullError, Progress, Workspace
-from aa4d.capture.writing import Cloud, Shot, digests_of_written, publish, write_capture
+from aa4d.capture.writing import Cloud, Shot, Sightings, digests_of_written, publish, write_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import LOCK, claimed, make_folder, read_json_object, write_json
 from aa4d.identity import digest_of
@@ -253,7 +253,11 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         "notes": notes,
     }
     stored = None if source.annotations is None else _boxes(source.annotations, in_order, clip, model, pinhole)
-    observations = _observations(in_order, model, pinhole, shots)
+    sightings = _sightings(in_order, model, pinhole, shots)
+    observations = {
+        name: (np.array([model.point3D(point).xyz for point in seen.ids]), seen.pixels)
+        for name, seen in sightings.items()
+    }
 
     shrunk = pinhole.K[0, 0] / float(np.median([c.focal_length_x for c in cameras]))
 
@@ -262,7 +266,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     def assemble_step(folder: Path, progress: Progress) -> dict[str, Any]:
         progress(0, 2)
         name = path.stem if path.is_file() else path.resolve().name
-        write_capture(folder, name, pictures.folder, pinhole, shots, cloud, generator, stored, made_from)
+        write_capture(folder, name, pictures.folder, pinhole, shots, cloud, generator, stored, made_from, sightings)
         progress(1, 2)
         checked = check_capture(folder, observations, shrunk)
         checked["files"] = publish(folder, out)
@@ -355,13 +359,14 @@ def _images_in_order(model: Any, clip: Clip) -> list[tuple[Any, int]]:
 
 def _points_of(model: Any) -> Cloud:
     """Points that at least three frames have seen, or all where those are too few."""
-    every = list(model.points3D.values())
-    steady = [p for p in every if p.track.length() >= FEWEST_VIEWS]
+    every = list(model.points3D.items())
+    steady = [(number, p) for number, p in every if p.track.length() >= FEWEST_VIEWS]
     chosen = steady if len(steady) >= 100 else every
     return Cloud(
-        np.array([p.xyz for p in chosen]).reshape(-1, 3),
-        np.array([p.color for p in chosen], np.uint8).reshape(-1, 3),
-        np.array([p.error for p in chosen], np.float64),
+        np.array([p.xyz for _, p in chosen]).reshape(-1, 3),
+        np.array([p.color for _, p in chosen], np.uint8).reshape(-1, 3),
+        np.array([p.error for _, p in chosen], np.float64),
+        np.array([number for number, _ in chosen], np.int64),
     )
 
 
@@ -407,14 +412,13 @@ def _boxes(
     )
 
 
-def _observations(
-    in_order: list[tuple[Any, int]], model: Any, pinhole: Any, shots: list[Shot]
-) -> dict[str, tuple[Floats, Floats]]:
+def _sightings(in_order: list[tuple[Any, int]], model: Any, pinhole: Any, shots: list[Shot]) -> dict[str, Sightings]:
+    """By frame: the points that it shows, and where its pinhole picture shows them."""
     found = {}
     for (image, _), shot in zip(in_order, shots, strict=True):
         seen = image.get_observation_points2D()
         if len(seen):
             pixels = np.array([p.xy for p in seen])
-            points = np.array([model.point3D(p.point3D_id).xyz for p in seen])
-            found[shot.name] = points, pinhole_pixels(model.camera(image.camera_id), pinhole, pixels)
+            ids = np.array([p.point3D_id for p in seen], np.int64)
+            found[shot.name] = Sightings(ids, pinhole_pixels(model.camera(image.camera_id), pinhole, pixels))
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import math
+import sys
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
@@ -24,9 +24,8 @@ FARTHEST_M = 10_000.0  # beyond, float32 in renderers and viewers loses what a p
 RECENTRE = "move the scene to a local origin"
 MOST_PX = 16_384  # along a side: a slip of the keyboard should not fill the memory
 LARGEST_K = 1e6  # pixels
+FASTEST_FPS = 1000.0
 LONGEST_NAME = 200  # bytes: with its ending and a prefix it must fit what file systems take
-
-
 EIGHT_BITS = ("RGB", "RGBA", "L", "LA", "P", "1", "CMYK", "YCbCr")  # Pillow's names
 
 
@@ -115,16 +114,13 @@ def read_capture(folder: Path) -> Capture:
     camera = pinhole_camera(document, index)
     frames = tuple(frame_of_index(value, i, index) for i, value in enumerate(_list(document, "frames", index)))
     check_frames(frames, index)
-    fps = number_of(document, "fps", index)
-    if fps <= 0:
-        raise InputError(f'{index}: key "fps" must be positive, found {fps}')
     tracks = document.get("tracks")
     points, colors = _points(folder / _inside(document.get("points"), "points", index))
     return Capture(
         folder=folder,
         name=str(document.get("name", folder.name)),
         identity=capture_identity(folder, document),
-        fps=fps,
+        fps=frame_rate(document, index),
         camera=camera,
         frames=frames,
         points=points,
@@ -328,6 +324,14 @@ def _points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     return points, colors
 
 
+def frame_rate(document: dict[str, Any], index: Path) -> float:
+    """The value of key "fps"; `index` is the file to name where it is refused."""
+    fps = number_of(document, "fps", index)
+    if not 0 < fps <= FASTEST_FPS:
+        raise InputError(f'{index}: key "fps" must lie in (0, {FASTEST_FPS:g}], found {fps:g}')
+    return fps
+
+
 def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
     """The value of key "camera"; `index` is the file to name where it is refused."""
     value = document.get("camera")
@@ -339,7 +343,7 @@ def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
             "without [effects.lens_distortion], or undistort the frames first"
         )
     width, height = value.get("width"), value.get("height")
-    if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
+    if not (type(width) is int and type(height) is int and width > 0 and height > 0):
         raise InputError(f"{index}: camera width and height must be positive integers, found {width!r} x {height!r}")
     if max(width, height) > MOST_PX:
         raise InputError(f"{index}: camera is {width}x{height}, over {MOST_PX} pixels along a side")
@@ -380,7 +384,8 @@ def frame_of_index(value: Any, number: int, index: Path) -> Frame:
 
 def check_name(name: str, label: str, index: Path) -> None:
     """Pictures of a frame are written under its name, so it must not lead anywhere else."""
-    if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
+    is_text = name == name.encode(errors="replace").decode()
+    if not name or not is_text or name.startswith(".") or any(c in name for c in "/\\:\0"):
         raise InputError(f"{index}: {label} has a name that is no plain file name; rename it")
     if len(name.encode()) > LONGEST_NAME:
         raise InputError(f"{index}: {label[:40]}...' has a name longer than {LONGEST_NAME} bytes; rename it")
@@ -442,9 +447,9 @@ def _list(document: dict[str, Any], key: str, index: Path) -> list[Any]:
 def number_of(document: dict[str, Any], key: str, index: Path, label: str = "") -> float:
     """A finite number; `index` is the file to name where it is refused."""
     value = document.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         where = f" of {label}" if label else ""
-        raise InputError(f'{index}: key "{key}"{where} must be a finite number, found {value!r}')
+        raise InputError(f'{index}: key "{key}"{where} must be a finite number, found {str(value)[:40]}')
     return float(value)
 
 
@@ -452,7 +457,7 @@ def matrix_of(value: Any, shape: tuple[int, ...], what: str, index: Path) -> NDA
     """Finite numbers in that shape; `index` is the file to name where they are refused."""
     try:
         matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         size = "x".join(str(side) for side in shape)
         raise InputError(f"{index}: {what} is not a {size} matrix of numbers") from None
     if matrix.shape != shape:

@@ -40,6 +40,15 @@ class Cloud:
     positions: Floats  # [P, 3]
     colors: NDArray[np.uint8]  # [P, 3]
     errors_px: Floats  # [P]
+    ids: NDArray[np.int64]  # [P] numbers by which sightings name them
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Where a frame shows which points, M of them."""
+
+    ids: NDArray[np.int64]  # [M] of points; those that are not in the cloud are left out
+    pixels: Floats  # [M, 2] of the capture's camera
 
 
 def write_capture(
@@ -52,8 +61,12 @@ def write_capture(
     generator: dict[str, Any],
     boxes: Boxes | None = None,
     made_from: dict[str, str] | None = None,
+    sightings: dict[str, Sightings] | None = None,
 ) -> None:
-    """Fill `out` from the undistorted `pictures` (NAME.png, and NAME.mask.png where there are masks)."""
+    """Fill `out` from the undistorted `pictures` (NAME.png, and NAME.mask.png where there are masks).
+
+    `sightings`, by the frame's name, are written into the COLMAP model.
+    """
     for kind, suffix in (("frames", ".png"), ("movers", ".mask.png")):
         folder = out / kind
         shutil.rmtree(folder, ignore_errors=True)
@@ -68,10 +81,9 @@ def write_capture(
             np.savez(temporary, frame=boxes.frame, target=boxes.target, box_px=boxes.box_px, category=boxes.category)
     near = (np.abs(cloud.positions) < FARTHEST_M).all(axis=1)
     _write_points(out / "points.ply", cloud.positions[near], cloud.colors[near])
-    _write_transforms(out / "transforms.json", camera, shots)
-    _write_colmap(out / "sparse" / "0", camera, shots, cloud)
+    _write_colmap(out / "sparse" / "0", camera, shots, cloud, sightings or {})
     first, last = shots[0].time_s, shots[-1].time_s
-    document = {
+    document: dict[str, Any] = {
         "format": "aa4d-capture",
         "version": CAPTURE_VERSION,
         "name": name,
@@ -96,6 +108,7 @@ def write_capture(
         ],
         "instances": [],
     }
+    write_json(out / "transforms.json", transforms(camera, document["frames"]))
     files = digests_of(out)
     write_json(out / CHECKSUMS, files)
     identity = Identity("capture", content_of(document, files), made_from or {})
@@ -141,31 +154,38 @@ def _write_points(path: Path, positions: Floats, colors: NDArray[np.uint8]) -> N
     for name, values in zip(("x", "y", "z", "red", "green", "blue"), (*positions.T, *colors.T), strict=True):
         vertex[name] = values
     with whole_file(path) as temporary:
-        PlyData([PlyElement.describe(vertex, "vertex")]).write(str(temporary))
+        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(temporary))
 
 
-def _write_transforms(path: Path, camera: PinholeCamera, shots: list[Shot]) -> None:
+def transforms(camera: PinholeCamera, frames: list[dict[str, Any]]) -> dict[str, Any]:
+    """The content of transforms.json, of the frames of capture.json (docs/formats.md)."""
     K = camera.K
-    document = {
-        "camera_model": "PINHOLE",
+    names = {split: [f["image"] for f in frames if f["split"] == split] for split in ("train", "test")}
+    return {
+        "camera_model": "OPENCV",
         "w": camera.width,
         "h": camera.height,
-        "fl_x": K[0, 0],
-        "fl_y": K[1, 1],
-        "cx": K[0, 2],
-        "cy": K[1, 2],
+        **dict(zip(("fl_x", "fl_y", "cx", "cy"), (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), strict=True)),
+        **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
+        "ply_file_path": "points.ply",
+        "applied_transform": np.eye(4)[:3].tolist(),
+        "train_filenames": names["train"],
+        "val_filenames": names["test"],
+        "test_filenames": names["test"],
         "frames": [
             {
-                "file_path": f"frames/{shot.name}.png",
-                "transform_matrix": (np.linalg.inv(shot.viewmat) @ OPENCV_TO_OPENGL).tolist(),
+                "file_path": frame["image"],
+                "transform_matrix": (np.linalg.inv(frame["viewmat"]) @ OPENCV_TO_OPENGL).tolist(),
+                "time": frame["t"],
             }
-            for shot in shots
+            for frame in frames
         ],
     }
-    write_json(path, document)
 
 
-def _write_colmap(folder: Path, camera: PinholeCamera, shots: list[Shot], cloud: Cloud) -> None:
+def _write_colmap(
+    folder: Path, camera: PinholeCamera, shots: list[Shot], cloud: Cloud, sightings: dict[str, Sightings]
+) -> None:
     from scipy.spatial.transform import Rotation
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -175,13 +195,23 @@ def _write_colmap(folder: Path, camera: PinholeCamera, shots: list[Shot], cloud:
         f"1 PINHOLE {camera.width} {camera.height} {K[0, 0]!r} {K[1, 1]!r} {K[0, 2]!r} {K[1, 2]!r}\n",
     )
     lines = []
+    row_of = {int(point): row for row, point in enumerate(cloud.ids)}
+    tracks: list[list[str]] = [[] for _ in cloud.ids]
     for number, shot in enumerate(shots, 1):
         x, y, z, w = Rotation.from_matrix(shot.viewmat[:3, :3]).as_quat()
         pose = " ".join(repr(float(v)) for v in (w, x, y, z, *shot.viewmat[:3, 3]))
-        lines.append(f"{number} {pose} 1 {shot.name}.png\n\n")
+        seen: list[str] = []
+        if shot.name in sightings:
+            shown = sightings[shot.name]
+            for point, (column, row) in zip(shown.ids.tolist(), shown.pixels.tolist(), strict=True):
+                if point in row_of:
+                    tracks[row_of[point]].append(f"{number} {len(seen)}")
+                    seen.append(f"{column:.3f} {row:.3f} {row_of[point] + 1}")
+        lines.append(f"{number} {pose} 1 {shot.name}.png\n{' '.join(seen)}\n")
     write_text(folder / "images.txt", "".join(lines))
-    rows = zip(cloud.positions, cloud.colors, cloud.errors_px, strict=True)
+    rows = zip(cloud.positions, cloud.colors, cloud.errors_px, tracks, strict=True)
     points = (
-        f"{i} {p[0]:.9g} {p[1]:.9g} {p[2]:.9g} {c[0]} {c[1]} {c[2]} {e:.4g}\n" for i, (p, c, e) in enumerate(rows, 1)
+        f"{' '.join([f'{i} {p[0]:.9g} {p[1]:.9g} {p[2]:.9g} {c[0]} {c[1]} {c[2]} {e:.4g}', *track])}\n"
+        for i, (p, c, e, track) in enumerate(rows, 1)
     )
     write_text(folder / "points3D.txt", "".join(points))

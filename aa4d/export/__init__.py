@@ -37,6 +37,7 @@ EXPORTERS = {
     "ply": Exporter("3D Gaussian splatting PLY, one file a view", "aa4d.export.splat_ply"),
     "points": Exporter("point-cloud PLY with colours, one file a view", "aa4d.export.point_ply"),
     "usd": Exporter("animated points in one USD file", "aa4d.export.usd_points", True, ("pxr", "usd-core")),
+    "track": Exporter("Gaussians at key times, for the Blender extension", "aa4d.export.track", True),
     "4dgs": Exporter("one file in the 4DGS container", "aa4d.export.fourdgs_container", True, ("fourdgs", "fourdgs")),
 }
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -54,7 +55,7 @@ class Clip:
         return index / self.path.fps
 
     def gaussians(self, index: int) -> WorldGaussians:
-        gaussians = world_gaussians(self.loaded, self.path.views[index].t, self._eye(index))
+        gaussians = world_gaussians(self.loaded, self.path.views[index].t, self.eye_at(index))
         return gaussians if self.axes == "world" else turned(gaussians, VIEWER)
 
     def velocities(self, index: int, ids: NDArray[np.int64]) -> Array:
@@ -69,7 +70,7 @@ class Clip:
             return np.zeros((len(ids), 3))
         views = np.arange(last + 1)
         first, second = (
-            decoded_means(self.loaded, float(np.interp(place, views, t)), self._eye(index))[ids]
+            decoded_means(self.loaded, float(np.interp(place, views, t)), self.eye_at(index))[ids]
             for place in (before, after)
         )
         velocity = (second - first) * (self.path.fps / (after - before))
@@ -83,7 +84,8 @@ class Clip:
         groups = self.loaded.model.groups
         return () if groups is None else groups.names
 
-    def _eye(self, index: int) -> Array:
+    def eye_at(self, index: int) -> Array:
+        """[3] metres, where a view is seen from."""
         return self.path.views[index].centre() if self.eye is None else self.eye
 
 
@@ -105,21 +107,28 @@ def world_gaussians(loaded: LoadedModel, t: float, eye_m: Array) -> WorldGaussia
     Those of a group that is not there at t have no opacity, so they are not among them. The model's frame is a uniform
     scale and a translation of the world: scales follow it, rotations do not change.
     """
+    gaussians = every_gaussian(loaded, t, eye_m)
+    drawn = np.flatnonzero(gaussians.opacities >= FAINTEST)
+    columns = (getattr(gaussians, field.name) for field in fields(gaussians))
+    kept: list[Any] = [None if column is None else column[drawn] for column in columns]
+    return WorldGaussians(*kept)
+
+
+def every_gaussian(loaded: LoadedModel, t: float, eye_m: Array) -> WorldGaussians:
+    """All Gaussians of the model, those too faint to draw as well; a row is its id."""
     frame, member = loaded.frame, loaded.model.group
     decoded = _decoded(loaded, t, eye_m)
-    opacities = decoded.opacities.double().numpy()
-    drawn = np.flatnonzero(opacities >= FAINTEST)
-    quaternions = decoded.quaternions.double().numpy()[drawn]
+    quaternions = decoded.quaternions.double().numpy()
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     quaternions = np.where(length > 1e-12, quaternions / np.maximum(length, 1e-12), [1.0, 0.0, 0.0, 0.0])
     return WorldGaussians(
-        ids=drawn,
-        means=decoded.means.double().numpy()[drawn] * frame.unit_m + frame.origin_m,
+        ids=np.arange(len(quaternions)),
+        means=decoded.means.double().numpy() * frame.unit_m + frame.origin_m,
         quaternions=np.where(quaternions[:, :1] < 0, -quaternions, quaternions),
-        scales=decoded.scales.double().numpy()[drawn] * frame.unit_m,
-        opacities=opacities[drawn],
-        colors=decoded.colors.clamp(0, 1).double().numpy()[drawn],  # harmonics may exceed 1
-        group=None if member is None else member.numpy()[drawn // loaded.model.per_unit].astype(np.int32),
+        scales=decoded.scales.double().numpy() * frame.unit_m,
+        opacities=decoded.opacities.double().numpy(),
+        colors=decoded.colors.clamp(0, 1).double().numpy(),  # harmonics may exceed 1
+        group=None if member is None else member.numpy().repeat(loaded.model.per_unit).astype(np.int32),
     )
 
 

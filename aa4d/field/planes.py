@@ -53,9 +53,9 @@ class FeaturePlanes(nn.Module):
     def normalise(self, position: Tensor) -> Tensor:
         """u in [-1, 1] over the box; clamped outside, where the planes hold their border's value anyway."""
         lower, upper = self.box[0], self.box[1]
-        # An axis without extent (all anchors on one plane) maps to its middle instead of dividing by zero.
-        extent = (upper - lower).clamp_min(torch.finfo(position.dtype).tiny)
-        return (2 * (position - lower) / extent - 1).clamp(-1, 1)
+        # An axis without extent (all anchors on one plane) counts as one unit more to both sides: they are its middle.
+        flat = (upper == lower).to(position.dtype)
+        return (2 * (position - (lower - flat)) / (upper - lower + 2 * flat) - 1).clamp(-1, 1)
 
 
 def regularisation(field: FeaturePlanes, spatial: float, temporal: float, constancy: float) -> Tensor:

@@ -18,7 +18,17 @@ from torch import Tensor
 
 from aa4d import __version__
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Capture, Frame, PinholeCamera, check_frames, frame_of_index, number_of, pinhole_camera
+from aa4d.capture.reader import (
+    FARTHEST_M,
+    Capture,
+    Frame,
+    PinholeCamera,
+    check_frames,
+    frame_of_index,
+    frame_rate,
+    number_of,
+    pinhole_camera,
+)
 from aa4d.errors import InputError
 from aa4d.files import whole_file
 from aa4d.identity import Identity, digest_of, identity_of
@@ -31,7 +41,10 @@ from aa4d.motion.groups import Groups, blank_groups
 from aa4d.motion.spline import FEWEST_CONTROLS
 
 MODEL_VERSION = 3  # the newest that is read; a file has the lowest version whose readers understand it whole
+# docs/formats.md, "What readers refuse": the limits that the extension holds as well.
+METHODS_VERSION = 3  # the first of other methods than the default one
 LONGEST_NAME = 200  # characters, of a group's name
+FARTHEST_MODEL_M = 2 * FARTHEST_M  # learning moves anchors on from points that a capture holds within `FARTHEST_M`
 
 
 @dataclass(frozen=True)
@@ -116,6 +129,8 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     if not isinstance(header.get("config"), dict):
         raise InputError(f"{path}: the header's config is wrong (no object); train the model again")
     model = method.blank_of_file(header["config"], tensors, path)
+    if not len(model):
+        raise InputError(f"{path}: holds nothing to draw; train the model again")
     if (groups := _groups(header, tensors, path)) is not None:
         if not isinstance(model, AnchorModel):
             raise InputError(f"{path}: holds rigid groups, on which nothing of method {method.name!r} rides")
@@ -123,6 +138,7 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
     _load_state(model, method, tensors, path)
     method.check(model, path)
     try:
+        _check_places(model, _frame(header["model_to_world"]), path)
         return LoadedModel(
             path=path,
             method=method.name,
@@ -130,15 +146,15 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
             frame=_frame(header["model_to_world"]),
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),
-            training_seconds=float(header["training"]["seconds"]),
+            training_seconds=_seconds(header["training"], path),
             identity=_identity(header, tensors),
             capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
-            fps=number_of(header, "fps", path),
+            fps=frame_rate(header, path),
             camera=pinhole_camera(header, path),
             frames=_frames(header["frames"], path),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: the header is damaged ({error!r}); copy or train it again") from None
 
 
@@ -162,14 +178,17 @@ def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     try:
         header = json.loads(metadata["aa4d"])
         kind, version = header["format"], header["version"]
-    except (KeyError, TypeError, json.JSONDecodeError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         raise InputError(f"{path}: a safetensors file, but not an AdaAnchor4D model (no aa4d header)") from None
     if kind != "aa4d-model":
         raise InputError(f"{path}: the header says format {kind!r}, expected 'aa4d-model'")
-    if not isinstance(version, int) or version < 1:
+    if type(version) is not int or version < 1:
         raise InputError(f"{path}: model version {version!r} does not exist; copy or train it again")
     if version > MODEL_VERSION:
         raise InputError(f"{path}: model version {version} is newer than this aa4d reads ({MODEL_VERSION}); update")
+    for name, value in tensors.items():
+        if value.dtype != torch.float32:
+            raise InputError(f"{path}: tensor {name!r} is {value.dtype}, expected float32; train the model again")
     return header, tensors
 
 
@@ -178,6 +197,8 @@ def _method(header: dict[str, Any], path: Path) -> Method[Any]:
     name = header.get("method", DEFAULT)
     if not isinstance(name, str) or name not in METHODS:
         raise InputError(f"{path}: method {name!r} is unknown (known: {', '.join(METHODS)}); update aa4d")
+    if name != DEFAULT and header["version"] < METHODS_VERSION:
+        raise InputError(f"{path}: version {header['version']} knows no method {name!r}; train the model again")
     return method_of(name)
 
 
@@ -205,7 +226,9 @@ def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> G
     if header["version"] < 2 or (header["version"] > 2 and "groups" not in header):
         return None
     try:
-        names = tuple(group["name"][:LONGEST_NAME] for group in header["groups"])
+        names = tuple(group["name"] for group in header["groups"])
+        if not all(isinstance(name, str) and len(name) <= LONGEST_NAME for name in names):
+            raise TypeError(f"a name is not a text of at most {LONGEST_NAME} characters")
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: the header's groups are damaged ({error!r}); train the model again") from None
     position = tensor_of(tensors, "groups.position", path)
@@ -235,7 +258,7 @@ def _check_groups(state: dict[str, Tensor], path: Path) -> None:
 def _frame(value: Any) -> ModelFrame:
     """Raises ValueError for anything but a uniform scale and a translation."""
     frame = ModelFrame.from_matrix(np.array(value, np.float64).reshape(4, 4))
-    if not (frame.unit_m > 0 and np.array_equal(frame.matrix(), value)):
+    if not (frame.unit_m > 0 and np.isfinite(frame.matrix()).all() and np.array_equal(frame.matrix(), value)):
         raise ValueError("model_to_world is not a uniform scale and a translation")
     return frame
 
@@ -248,9 +271,26 @@ def _frames(value: Any, path: Path) -> tuple[Frame, ...]:
 
 def _background(value: Any) -> tuple[float, float, float]:
     red, green, blue = (float(component) for component in value)
-    if not np.isfinite([red, green, blue]).all():
-        raise ValueError("background is not finite")
+    if not all(0 <= component <= 1 for component in (red, green, blue)):
+        raise ValueError("background is outside [0, 1]")
     return red, green, blue
+
+
+def _seconds(training: dict[str, Any], path: Path) -> float:
+    seconds = number_of(training, "seconds", path, "training")
+    if seconds < 0:
+        raise ValueError("training.seconds is negative")
+    return seconds
+
+
+def _check_places(model: SceneModel, frame: ModelFrame, path: Path) -> None:
+    """Raises InputError where something stands outside of a local world."""
+    places = [model.resting(None)]
+    if model.groups is not None:
+        places += [model.groups.position.reshape(-1, 3), model.groups.reference[:, :3]]
+    reach = np.abs(torch.cat(places).detach().double().numpy() * frame.unit_m + frame.origin_m).max()
+    if not reach <= FARTHEST_MODEL_M:
+        raise InputError(f"{path}: places something {reach:.3g} m from the origin, over {FARTHEST_MODEL_M:g} m")
 
 
 def _relative(target: Path, start: Path) -> str:

@@ -49,28 +49,26 @@ def make_model(
 
     for name, outputs in (("opacity", K), ("color", 3 * K), ("covariance", 7 * K)):
         network(f"decoder_{name}", outputs, F + 3, 32)
-    if stage == "fine":
-        for level in range(L):
-            for index, name in enumerate(PLANES):
-                columns, rows = 5 + 3 * level, 4 + 2 * level + (index % 2)
-                tensors[f"field.planes.{level}.{name}"] = normal(C, rows, columns)
-        tensors["field.box"] = np.array([[-1, -0.9, -1.2], [1, 1.1, 0.8]], np.float32)
-        steps = random.uniform(0.3, 1.0, (3, B))
-        boundaries = np.concatenate([np.zeros((3, 1)), np.cumsum(steps, axis=1)], axis=1)
-        tensors["warp.boundaries"] = (2 * boundaries / boundaries[:, -1:] - 1).astype(np.float32)
-        if aggregation in ("acfa", "anchor_only"):
-            tensors["anchors.embedding_acfa"] = normal(anchors, E)
-        conditions = {"acfa": E + 1, "anchor_only": E, "time_only": 1}
-        if aggregation in conditions:
-            network("acfa", 6 * C, conditions[aggregation], 24)
-        layer("encoder", 20, L * C)
-        network("head_position", 3, 20, 16, 0.3)
-        network("head_feature", F, 20, 16)
-        if dlgd:
-            tensors["anchors.embedding_offset"] = normal(anchors, E)
-            tensors["anchors.embedding_scale"] = normal(anchors, E)
-            network("dlgd_offset", 3 * K, E + 1, 16)
-            network("dlgd_scale", 6, E + 1, 16, 0.3)
+    for level in range(L):
+        for name in PLANES:
+            columns = 5 + 3 * level
+            tensors[f"field.planes.{level}.{name}"] = normal(C, 4 if name[1] == "t" else columns, columns)
+    tensors["field.box"] = np.array([[-1, -0.9, -1.2], [1, 1.1, 0.8]], np.float32)
+    steps = random.uniform(0.3, 1.0, (3, B))
+    boundaries = np.concatenate([np.zeros((3, 1)), np.cumsum(steps, axis=1)], axis=1)
+    tensors["warp.boundaries"] = (2 * boundaries / boundaries[:, -1:] - 1).astype(np.float32)
+    tensors["anchors.embedding_acfa"] = normal(anchors, E)
+    conditions = {"acfa": E + 1, "anchor_only": E, "time_only": 1}
+    if aggregation in conditions:
+        network("acfa", 6 * C, conditions[aggregation], 24)
+    layer("encoder", 20, L * C)
+    network("head_position", 3, 20, 20, 0.3)
+    network("head_feature", F, 20, 20)
+    if dlgd:
+        tensors["anchors.embedding_offset"] = normal(anchors, E)
+        tensors["anchors.embedding_scale"] = normal(anchors, E)
+        network("dlgd_offset", 3 * K, E + 1, 16)
+        network("dlgd_scale", 6, E + 1, 16, 0.3)
 
     model_to_world = np.diag([12.0, 12.0, 12.0, 1.0])
     model_to_world[:3, 3] = [30.0, -20.0, 4.0]
@@ -104,7 +102,7 @@ def make_model(
                 "image": f"frames/{rank:06}.png",
                 "time_s": rank / 29.97,
                 "t": rank / max(frames - 1, 1),
-                "split": "train" if rank % 8 else "test",
+                "split": "train" if rank % 8 or frames == 1 else "test",
                 "viewmat": look_at(
                     np.array([30.0 + 40 * np.cos(angle), -20.0 + 40 * np.sin(angle), 25.0]), model_to_world[:3, 3]
                 ).tolist(),

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bad_model_files import GOOD_FILES
 from model_files import make_model, write_model
 from slow_reference import evaluate
 
@@ -43,6 +44,21 @@ def test_evaluation_agrees_with_the_specification(t: float, stage: str, dlgd: bo
     assert np.abs(gaussians.colors - expected["colors"]).max() < 1e-5
     assert np.abs(gaussians.opacities - expected["opacities"]).max() < 1e-5
     assert np.abs(gaussians.quaternions - expected["quaternions"]).max() < 1e-5
+
+
+@pytest.mark.parametrize("kind", ["on one plane", "on one line", "in one place"])
+def test_anchors_without_extent_are_in_the_middle_of_the_field(kind: str, tmp_path: Path) -> None:
+    GOOD_FILES[kind](tmp_path / "model.safetensors")
+    field = prepare(read_model(tmp_path / "model.safetensors"))
+    tensors, information = make_model(20)
+    tensors["anchors.position"], tensors["field.box"] = (
+        field.model.tensors[name].copy() for name in ("anchors.position", "field.box")
+    )
+    flat = tensors["field.box"][0] == tensors["field.box"][1]
+    tensors["field.box"] += flat * np.array([[-1], [1]], np.float32)  # any box around them
+    expected = evaluate(tensors, information, 0.3, np.zeros(3))["anchors"]
+    found = to_world(field.model, anchor_state(field, 0.3).positions)
+    np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("t", [*TIMES, 0.25, 0.4, 0.7625, 0.8])
@@ -181,10 +197,14 @@ def test_openblas_of_numpy_is_found() -> None:
     assert blas.get_threads() == before >= 1
 
 
-@pytest.mark.parametrize("name", ["xy", "yt"])
-def test_plane_of_one_texel_is_constant(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("along", ["space", "time"])
+def test_planes_of_one_texel_are_constant_along_it(along: str, tmp_path: Path) -> None:
     tensors, information = make_model(10)
-    tensors[f"field.planes.0.{name}"] = tensors[f"field.planes.0.{name}"][:, :1, :1]
+    for name, plane in tensors.items():
+        if along == "space" and name.startswith("field.planes.0"):
+            tensors[name] = plane[..., :1] if name.endswith("t") else plane[:, :1, :1]
+        elif along == "time" and name.startswith("field.planes") and name.endswith("t"):
+            tensors[name] = plane[:, :1]
     model = read_model(write_model(tmp_path / "model.safetensors", tensors, information))
     expected = evaluate(tensors, information, 0.3, np.zeros(3))["anchors"]
     np.testing.assert_allclose(to_world(model, anchor_state(prepare(model), 0.3).positions), expected, atol=1e-4)

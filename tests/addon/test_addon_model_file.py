@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bad_model_files import BAD_FILES
+from bad_model_files import BAD_FILES, OVERSIZED
 from model_files import header_and_data, make_model, write_file, write_model
 
 from addon.container import ModelFileError
@@ -20,7 +20,7 @@ def test_unusable_file_is_refused_in_one_sentence(kind: str, tmp_path: Path) -> 
     path = tmp_path / "model.safetensors"
     write(path)
     with pytest.raises(ModelFileError) as refusal:
-        prepare(read_model(path))
+        read_model(path)
     message = str(refusal.value)
     assert words in message
     assert path.name in message
@@ -52,6 +52,13 @@ def test_memory_is_bounded_by_the_file(tmp_path: Path) -> None:
     assert peak < 10 * path.stat().st_size + 1_000_000
 
 
+def test_evaluating_takes_no_memory_out_of_proportion(tmp_path: Path) -> None:
+    OVERSIZED(tmp_path / "model.safetensors")
+    model = read_model(tmp_path / "model.safetensors")
+    with pytest.raises(ModelFileError, match="out of proportion"):
+        prepare(model)
+
+
 @pytest.mark.parametrize("stage", ["fine", "coarse"])
 @pytest.mark.parametrize("dlgd", [True, False])
 def test_reads_what_was_written(stage: str, dlgd: bool, tmp_path: Path) -> None:
@@ -79,12 +86,6 @@ def test_groups_are_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(groups.of_anchor, tensors["anchors.group"])
     np.testing.assert_array_equal(groups.riders, np.flatnonzero(tensors["anchors.group"] >= 0))
     np.testing.assert_array_equal(groups.control[..., 3], tensors["groups.heading"])
-
-
-def test_version_1_has_no_groups_whatever_its_tensors_are_called(tmp_path: Path) -> None:
-    tensors, information = make_model(20, groups=3)
-    information["version"] = 1
-    assert read_model(write_model(tmp_path / "model.safetensors", tensors, information)).groups is None
 
 
 def test_all_groups_may_be_gone(tmp_path: Path) -> None:

@@ -119,6 +119,14 @@ def test_other_programs_cameras_are_the_same(made: Made) -> None:
         assert np.allclose(image.cam_from_world().matrix(), frame.viewmat[:3], atol=1e-9)
         opengl = np.linalg.inv(np.array(entry["transform_matrix"]) @ np.diag([1, -1, -1, 1]))
         assert np.allclose(opengl, frame.viewmat, atol=1e-9)
+        assert entry["time"] == frame.t
+        assert entry["file_path"] in transforms[f"{frame.split}_filenames"]
+        seen = image.get_observation_points2D()
+        assert len(seen) > 50
+        xyz = np.array([model.point3D(p.point3D_id).xyz for p in seen]) @ frame.viewmat[:3, :3].T + frame.viewmat[:3, 3]
+        found = (xyz / xyz[:, 2:]) @ capture.camera.K.T
+        assert np.median(np.linalg.norm(found[:, :2] - [p.xy for p in seen], axis=1)) < 1
+    assert all(point.track.length() >= 3 for point in model.points3D.values())
 
 
 def test_nothing_is_done_twice(made: Made, flight: Path) -> None:

@@ -233,7 +233,7 @@ def given(folder: Path, with_points: bool) -> Path:
     at = (in_camera / in_camera[:, 2:]) @ aerial.K.T
     image = aerial.pictures([first])[0]
     colors = image[np.clip(at[:, 1].astype(int), 0, 239), np.clip(at[:, 0].astype(int), 0, 319)]
-    cloud = Cloud(ground, colors.astype(np.uint8), np.ones(400))
+    cloud = Cloud(ground, colors.astype(np.uint8), np.ones(400), np.arange(400))
     shots = [Shot(f"{i:06}", f"{i:06}", i / 10, v) for i, v in enumerate(truth)]
     camera = PinholeCamera(aerial.WIDTH, aerial.HEIGHT, aerial.K)
     write_capture(folder, "given", folder / "pictures", camera, shots, cloud, {})

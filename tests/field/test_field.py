@@ -70,10 +70,10 @@ def test_outside_the_box_the_border_holds(field: FeaturePlanes) -> None:
     assert field.normalise(torch.tensor([[5.0, -5.0, 0.0]], dtype=torch.float64)).tolist() == [[1.0, -1.0, 0.0]]
 
 
-def test_a_flat_box_divides_by_nothing(field: FeaturePlanes) -> None:
+def test_a_box_without_height_counts_as_one_unit_more_to_both_sides(field: FeaturePlanes) -> None:
     field.box[:, 2] = 0.5
-    u = field.normalise(torch.tensor([[0.0, 0.0, 0.5]], dtype=torch.float64))
-    assert torch.isfinite(u).all()
+    u = field.normalise(torch.tensor([[0.0, 0.0, 0.5], [0.0, 0.0, 0.75], [0.0, 0.0, -4.0]], dtype=torch.float64))
+    assert u[:, 2].tolist() == [0.0, 0.25, -1.0]
 
 
 def test_planes_start_constant_in_time() -> None:

@@ -147,7 +147,7 @@ def test_a_newer_version_is_refused(model_path: Path) -> None:
 )
 def test_a_damaged_header_is_refused(model_path: Path, change: dict[str, Any]) -> None:
     rewrite_header(model_path, lambda h: h.update(change))
-    with pytest.raises(InputError, match=r"model\.safetensors: .*(header is damaged|does not exist)"):
+    with pytest.raises(InputError, match=r"model\.safetensors: .*(damaged|does not exist|finite number)"):
         load_model(model_path)
 
 

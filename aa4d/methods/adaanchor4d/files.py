@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from aa4d.errors import InputError
@@ -15,7 +14,9 @@ from aa4d.methods.adaanchor4d.settings import ModelConfig
 from aa4d.methods.adaanchor4d.warping import CoordinateWarp
 from aa4d.methods.tensors import tensor_of
 
-LARGEST_SIZE = 4096  # of what the header's config counts
+# docs/formats.md, "What readers refuse": the limits that the extension holds as well.
+LARGEST_SIZE = 4096  # of what the header's config counts, and of a layer
+UNIFORM_TOLERANCE = 1e-6  # of boundaries without DACW
 
 
 def header(config: ModelConfig) -> dict[str, Any]:
@@ -39,9 +40,13 @@ def blank_of_file(config: dict[str, Any], tensors: dict[str, Tensor], path: Path
 
 
 def check(model: AdaAnchor4D, path: Path) -> None:
-    """Raises InputError where DACW's map contradicts the header."""
-    c = model.config
-    if not c.dacw and not torch.equal(model.warp.boundaries, CoordinateWarp(c.bins).boundaries):
+    """Raises InputError where the field's box or DACW's map goes back, or the map contradicts the header."""
+    c, boundaries = model.config, model.warp.boundaries
+    if (model.field.box[1] < model.field.box[0]).any():
+        raise InputError(f"{path}: field.box has its upper corner below its lower corner; train the model again")
+    if (boundaries.diff(dim=1) < 0).any():
+        raise InputError(f"{path}: warp.boundaries decrease along an axis; train the model again")
+    if not c.dacw and (boundaries - CoordinateWarp(c.bins).boundaries).abs().max() > UNIFORM_TOLERANCE:
         raise InputError(f"{path}: the header says dacw false, but warp.boundaries are not uniform; train it again")
 
 
@@ -67,7 +72,8 @@ def _config(value: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Mo
     """Sizes that the header does not state stand in the tensors' shapes."""
     try:
         for name in ("offsets", "feature_dim", "embedding_dim", "plane_dim", "levels", "bins"):
-            if not 1 <= int(value[name]) <= LARGEST_SIZE:  # a damaged one must not fill the memory
+            # A damaged one must not fill the memory.
+            if type(value[name]) is not int or not 1 <= value[name] <= LARGEST_SIZE:
                 raise ValueError(f"{name} is {value[name]}")
         aggregation = value.get("aggregation", "acfa")
         if aggregation not in AGGREGATIONS:
@@ -78,7 +84,7 @@ def _config(value: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Mo
         has_predictor = "acfa.hidden.bias" in tensors
         levels = range(int(value["levels"]))
         planes = [tensor_of(tensors, f"field.planes.{level}.xt", path) for level in levels]
-        return ModelConfig(
+        config = ModelConfig(
             offsets=int(value["offsets"]),
             feature_dim=int(value["feature_dim"]),
             embedding_dim=int(value["embedding_dim"]),
@@ -96,6 +102,12 @@ def _config(value: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Mo
             decoder_hidden=len(tensor_of(tensors, "decoder_opacity.hidden.bias", path)),
             aggregation=aggregation,
         )
+        if (
+            max(config.weight_hidden, config.geometry_hidden, config.encoder_width, config.decoder_hidden)
+            > LARGEST_SIZE
+        ):
+            raise ValueError(f"a layer is wider than {LARGEST_SIZE}")
+        return config
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: the header's config is wrong ({error!r}); train the model again") from None
 
