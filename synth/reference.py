@@ -65,10 +65,11 @@ place: one that stands keeps its heading. A junction is entered with a grant. Gr
 crossings, vehicles that are still inside and those that have the right of way decide; straight on goes before right
 before left, the major street and the ring of a roundabout before those that join. Whoever would have to brake harder
 than 4 m/s² when the light turns red drives on. Of two vehicles of 8 m or more that would touch in a bend, into and out
-of a roundabout by the same arm for instance, the one with less right of way waits. Positions between two steps are those
-of constant acceleration: exact for the simulation at any real time. The clip is checked ten times a second, and two
-bodies nearer than 0.1 m are refused with their names and the time where the scene places both. Of others the one that was drawn gives way: people
-walk another way, vehicles are left out; how many is said before rendering and by `--explain`.
+of a roundabout by the same arm for instance, the one with less right of way waits. Positions between two steps are
+those of constant acceleration: exact for the simulation at any real time. The clip is checked ten times a second, and
+two bodies nearer than 0.1 m are refused with their names and the time where the scene places both. Of others the one
+that was drawn gives way: people walk another way, vehicles are left out; how many is said before rendering and by
+`--explain`.
 
 A vehicle that comes or goes during the clip is absent before and after (`present` in `truth/tracks.npz`).
 
