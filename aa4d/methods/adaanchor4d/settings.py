@@ -100,8 +100,7 @@ PRESETS = {
         coarse_iterations=800,
         fine_iterations=3000,
         # A tenth of the paper's iterations: planes learn at 6 times the rate, networks at 3 times, and anchors settle
-        # early. At 6 times Phi_w saturated in one of 16 short runs: its softmax put over half of the weight on one
-        # plane in 59 % of the channels, and the scene stayed static (docs/training.md).
+        # early. At 6 times the softmax of Phi_w could saturate, and the scene stayed static (docs/training.md).
         rates=LearningRates(
             planes=Decay(0.1, 0.01),
             deformation=Decay(0.005, 0.0005),
