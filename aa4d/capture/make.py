@@ -15,6 +15,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from aa4d import __version__
 from aa4d.capture import features, mapping, matching, movers
 from aa4d.capture.advice import Advice, advice, field_of_view_advice
 from aa4d.capture.annotations import Annotations
@@ -30,9 +31,10 @@ from aa4d.capture.sources import Source, open_source
 from aa4d.capture.spacing import Pace, choose_spacing, spacing_advice
 from aa4d.capture.undistortion import Undistortion, pinhole_boxes, pinhole_of, pinhole_pixels, viewmat_of
 from aa4d.capture.workspace import DiskFullError, Progress, Workspace
-from aa4d.capture.writing import Cloud, Shot, Sightings, digests_of, publish, write_capture
+from aa4d.capture.writing import Cloud, Shot, Sightings, digests_of_written, publish, write_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import LOCK, claimed, make_folder, read_json_object, write_json
+from aa4d.identity import digest_of
 
 Floats = NDArray[np.float64]
 RECORD = "work/input.json"
@@ -259,10 +261,12 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
 
     shrunk = pinhole.K[0, 0] / float(np.median([c.focal_length_x for c in cameras]))
 
+    made_from = _made_from(source, settings)
+
     def assemble_step(folder: Path, progress: Progress) -> dict[str, Any]:
         progress(0, 2)
         name = path.stem if path.is_file() else path.resolve().name
-        write_capture(folder, name, pictures.folder, pinhole, shots, cloud, generator, stored, sightings)
+        write_capture(folder, name, pictures.folder, pinhole, shots, cloud, generator, stored, made_from, sightings)
         progress(1, 2)
         checked = check_capture(folder, observations, shrunk)
         checked["files"] = publish(folder, out)
@@ -302,10 +306,18 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     return made
 
 
+def _made_from(source: Source, settings: CaptureSettings) -> dict[str, str]:
+    """The footage by names and sizes of its files, which tell a part of a clip from the whole of it; their pictures are
+    in the capture itself. The number of threads belongs to the machine."""
+    files = sorted((file.name, file.stat().st_size) for file in source.files)
+    chosen = {"version": __version__, **dataclasses.asdict(dataclasses.replace(settings, threads=1))}
+    return {"footage": digest_of(files), "settings": digest_of(chosen)}
+
+
 def _damaged(out: Path, workspace: Workspace) -> list[str]:
     """Files of the finished capture that are no longer as they were written."""
     written: dict[str, str] = (workspace.result("capture") or {}).get("files", {})
-    found = digests_of(out) if written else {}
+    found = digests_of_written(out) if written else {}
     return [name for name, digest in written.items() if found.get(name) != digest]
 
 

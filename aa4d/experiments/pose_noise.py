@@ -16,14 +16,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional, arg
 
+from aa4d import __version__
 from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import PoseError, in_other_world, inverse, pose_error
 from aa4d.capture.reader import Capture, read_capture, read_image
+from aa4d.experiments.program import run_as_program
 from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.identity import Identity, digest_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
 
@@ -42,7 +44,12 @@ def noisy(capture: Capture, angle_deg: float, share: float, seed: int) -> Captur
         turn = np.radians(angle_deg) / np.sqrt(3) * generator.normal(size=3)
         shift = share * distance / np.sqrt(3) * generator.normal(size=3)
         frames[i] = replace(frames[i], viewmat=_moved(viewmat, turn, shift))
-    return replace(capture, frames=tuple(frames))
+    moved = Identity(
+        "capture",
+        digest_of([frame.viewmat.tolist() for frame in frames]),
+        {"capture": capture.identity.digest()},
+    )
+    return replace(capture, frames=tuple(frames), identity=moved)
 
 
 def _moved(viewmat: Floats, turn: Floats, shift: Floats) -> Floats:
@@ -57,13 +64,20 @@ def _moved(viewmat: Floats, turn: Floats, shift: Floats) -> Floats:
 
 
 def measure(truth: Capture, given: Capture, config: AdaAnchor4DSettings, out: Path) -> dict[str, Any]:
-    """Train on `given`, compare with `truth`; takes the result that is there."""
+    """Train on `given`, compare with `truth`; takes the result that is there if it is of these very inputs.
+
+    Raises:
+        InputError: `out` holds a run of another capture or with other settings.
+    """
     from aa4d.methods.model_file import load_model
-    from aa4d.training.trainer import train
+    from aa4d.training.run_folder import run_identity
+    from aa4d.training.trainer import description_of, train
 
     result = out / "result.json"
-    if result.exists():
-        return read_json_object(result, "the result of a trial")
+    made_from = {"run": run_identity(description_of(given, config)).digest(), "capture": truth.identity.digest()}
+    identity = Identity("evaluation", digest_of({"version": __version__}), made_from).as_json()
+    if result.exists() and (kept := read_json_object(result, "the result of a trial")).get("identity") == identity:
+        return kept
     loaded = load_model(train(given, out, config, lambda *_: None))
     ranks = truth.of_split("train")
     true = np.array([truth.frames[i].viewmat for i in ranks])
@@ -77,6 +91,7 @@ def measure(truth: Capture, given: Capture, config: AdaAnchor4DSettings, out: Pa
         "shift_after": after.trajectory_m / distance,
         "psnr": held_out_psnr(truth, loaded, after),
         "seconds": loaded.training_seconds,
+        "identity": identity,
     }
     write_json(result, row)
     return row
@@ -136,4 +151,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_as_program(main)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import struct
@@ -30,6 +31,7 @@ from aa4d.capture.reader import (
 )
 from aa4d.errors import InputError
 from aa4d.files import whole_file
+from aa4d.identity import Identity, digest_of, identity_of
 from aa4d.methods import DEFAULT, METHODS, method_of
 from aa4d.methods.anchor_model import AnchorModel
 from aa4d.methods.contract import Method
@@ -56,7 +58,8 @@ class LoadedModel:
     is_static: bool  # of a canonical stage: the same at every time
     background: tuple[float, float, float]
     training_seconds: float
-    capture_fingerprint: str | None
+    identity: Identity  # of what the file holds now
+    capture_fingerprint: str | None  # of the capture, in files of older versions
     capture_folder: Path | None
     fps: float
     camera: PinholeCamera
@@ -73,6 +76,7 @@ def save_model(
     frame: ModelFrame,
     background: tuple[float, float, float],
     training: dict[str, Any],
+    run: Identity | None = None,
 ) -> None:
     groups, its = model.groups, method_of(method)
     header = {
@@ -92,8 +96,21 @@ def save_model(
     }
     if groups is not None:
         header["groups"] = [{"name": name} for name in groups.names]
-    state = model.state_dict()
-    _write(path, {its.file_name(name): its.to_file(name, v).contiguous() for name, v in state.items()}, header)
+    tensors = {its.file_name(name): its.to_file(name, v).contiguous() for name, v in model.state_dict().items()}
+    made_from = {"capture": capture.identity.digest()} | ({} if run is None else {"run": run.digest()})
+    header["identity"] = Identity("model", content_of(header, tensors), made_from).as_json()
+    _write(path, tensors, header)
+
+
+def content_of(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
+    """The digest of a model's content: everything but how, where and from what it was made."""
+    held = {key: value for key, value in header.items() if key not in ("identity", "generator", "capture", "training")}
+    return digest_of({"header": held, "tensors": {name: _digest_of_tensor(value) for name, value in tensors.items()}})
+
+
+def _digest_of_tensor(value: Tensor) -> str:
+    array = value.detach().cpu().contiguous().numpy()
+    return hashlib.sha256(f"{array.dtype.str} {array.shape}".encode() + array.tobytes()).hexdigest()
 
 
 def copy_model(source: Path, target: Path) -> None:
@@ -130,6 +147,7 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),
             training_seconds=_seconds(header["training"], path),
+            identity=_identity(header, tensors),
             capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
             fps=frame_rate(header, path),
@@ -138,6 +156,11 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
         )
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: the header is damaged ({error!r}); copy or train it again") from None
+
+
+def _identity(header: dict[str, Any], tensors: dict[str, Tensor]) -> Identity:
+    written = identity_of(header.get("identity"))
+    return Identity("model", content_of(header, tensors), {} if written is None else written.made_from)
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from aa4d.anchors.densification import Statistics
+from aa4d.capture.content import check_content
 from aa4d.capture.reader import Capture
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
@@ -33,7 +34,7 @@ from aa4d.training.movers import Movers
 from aa4d.training.optimiser import edit_units, make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
 from aa4d.training.riding import check_source
-from aa4d.training.run_folder import check_folder, claimed
+from aa4d.training.run_folder import check_folder, claimed, run_identity, run_settings
 from aa4d.training.schedule import CLEAN, Schedule, schedule_of
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
@@ -73,6 +74,7 @@ def train(
     settings = method_of(settings.method).resolved(settings, len(capture.frames))
     description = description_of(capture, settings)
     check_folder(out, description)
+    check_content(capture.folder)
     if settings.motion is not None:
         check_source(settings.motion.tracks, capture)
     # Every image is read here, so that bad input is refused before anything is written.
@@ -101,13 +103,7 @@ def description_of(capture: Capture, settings: RunSettings) -> dict[str, Any]:
     model = training.pop("model", {})
     if settings.motion is None:  # as before there was such a setting
         del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
-    return {
-        "method": settings.method,
-        "capture": str(capture.folder.resolve()),
-        "capture_fingerprint": capture.fingerprint,
-        "training": training,
-        "model": model,
-    }
+    return run_settings(capture, settings.method, training, model)
 
 
 class Run:
@@ -326,7 +322,6 @@ class Run:
             "seed": self.settings.seed,
             "iterations": state.iteration,
             "seconds": round(state.seconds, 3),
-            "capture_fingerprint": capture.fingerprint,
         }
         if (poses := state.poses) is not None:
             training["refined_poses"] = True
@@ -340,6 +335,7 @@ class Run:
             frame=self.frames.frame,
             background=(red, green, blue),
             training=training,
+            run=run_identity(description_of(capture, self.settings)),
         )
 
     def diagnosis(self, state: TrainingState, found: NotFinite, say: Say) -> str:
