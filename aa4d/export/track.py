@@ -149,4 +149,5 @@ def _header(clip: Clip, out: Path, times: list[float], errors: dict[str, float])
         "seen_from": "each view" if clip.eye is None else clip.eye.tolist(),
         "groups": [{"name": name} for name in clip.group_names()],
         "errors": errors,
+        **({} if clip.identity is None else {"identity": clip.identity.as_json()}),
     }

@@ -82,6 +82,8 @@ def test_its_header_is_that_of_the_model(clip: Clip, path: Path) -> None:
     np.testing.assert_array_equal(track.viewmats, [frame.viewmat for frame in loaded.frames])
     assert track.images == tuple(frame.image for frame in loaded.frames)
     assert track.capture is not None
+    information = json.loads(read_header(path, ("F32", "U32", "I32", "U16", "U8")).metadata["aa4d"])
+    assert information["identity"] == json.loads((path.parent / "export.json").read_text())["identity"]
     assert (path.parent / track.capture).resolve() == loaded.capture_folder
     with pytest.raises(ModelFileError, match="such a file holds F32 alone"):
         read_model(path)
