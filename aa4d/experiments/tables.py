@@ -42,6 +42,9 @@ def columns_of(rows: list[Row]) -> list[Column]:
         Column("travel_ratio", "travel", 2),
         Column("group_error_m", "group error m", 2),
         Column("training_seconds", "seconds", 0),
+        Column("fps", "frames/s", 0),
+        Column("neural_mib", "neural MiB", 2),
+        Column("total_mib", "MiB", 1),
     ]
     return [column for column in known if column.key in measured]
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from aa4d.methods import METHODS, presets_of
 from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
-from aa4d.methods.settings import MotionSettings
+from aa4d.methods.settings import MotionSettings, RunSettings, with_iterations
 
 
 @dataclass(frozen=True)
@@ -17,8 +18,12 @@ class Variant:
     model: dict[str, Any] = field(default_factory=dict)  # of ModelConfig
     warp: dict[str, Any] = field(default_factory=dict)  # of WarpSettings
     training: dict[str, Any] = field(default_factory=dict)  # of the whole settings
+    method: str = AdaAnchor4DSettings.method  # of another one the preset of the same name, over as many iterations
 
-    def settings(self, base: AdaAnchor4DSettings) -> AdaAnchor4DSettings:
+    def settings(self, base: AdaAnchor4DSettings) -> RunSettings:
+        if self.method != base.method:
+            other = replace(presets_of(self.method)[base.preset], checkpoint_every=base.checkpoint_every)
+            return with_iterations(other, base.coarse_iterations, base.fine_iterations)
         model, warp = replace(base.model, **self.model), replace(base.warp, **self.warp)
         return replace(base, model=model, warp=warp, **self.training)
 
@@ -56,6 +61,11 @@ ABLATIONS = {
             Variant("tracks", training={"motion": MotionSettings()}),
             Variant("true tracks", training={"motion": MotionSettings(tracks="truth")}),
         ),
+    ),
+    "methods": Experiment(
+        "methods",
+        "The methods, over as many iterations of the same preset",
+        tuple(Variant(name, method=name) for name in METHODS),
     ),
     "aggregation": Experiment(
         "aggregation",
