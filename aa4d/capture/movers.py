@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from aa4d.capture.annotations import Annotations
 from aa4d.capture.clip import Clip
 from aa4d.capture.pictures import save_png
-from aa4d.capture.workspace import Progress
+from aa4d.capture.workspace import Progress, Step, StepResult
 
 FLOW_PX = 640  # longest side of the pictures in which motion is measured
 LEAST_MOTION_PX = 12.0  # of the background, in those pictures, between the frames that are compared
@@ -38,10 +38,19 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Movers:
-    how: str  # "boxes", "epipolar" or "off"
-    share: list[float]  # of each frame's pixels
-    notes: list[str]
+class Masks(StepResult):
+    share: tuple[float, ...]  # of each frame's pixels
+    notes: tuple[str, ...]
+
+
+def movers_step(clip: Clip, annotations: Annotations | None) -> Step[Masks]:
+    boxes = None if annotations is None else annotations.file.read_text(encoding="utf-8")
+    return Step("movers", [boxes], lambda *place: write_masks(clip, annotations, *place), Masks)
+
+
+def masking_method(annotations: Annotations | None) -> str:
+    """How movers are found, in words."""
+    return "epipolar motion" if annotations is None else f"boxes ({annotations.layout})"
 
 
 def mask_path(folder: Path, file: str) -> Path:
@@ -49,8 +58,8 @@ def mask_path(folder: Path, file: str) -> Path:
     return folder / f"{file}.png"
 
 
-def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progress: Progress) -> Movers:
-    """One mask a frame, black where something moves. Raises InputError where the boxes are not of these frames."""
+def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progress: Progress) -> Masks:
+    """Write one mask a frame, black where something moves. Raises InputError where the boxes are of other frames."""
     notes: list[str] = []
     if annotations is not None:
         annotations.check_size(*clip.source_size)
@@ -77,7 +86,7 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
                 f"{annotations.file} has boxes for {boxed} of the {len(clip.frames)} frames used: "
                 "in the others no mover is masked"
             )
-    return Movers("epipolar" if annotations is None else "boxes", shares, notes)
+    return Masks(folder, tuple(shares), tuple(notes))
 
 
 def read_mask(path: Path) -> Mask:

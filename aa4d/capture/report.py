@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -13,12 +14,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from aa4d.capture.clip import Clip
+from aa4d.capture.mapping import Cameras
+from aa4d.capture.matching import Matches
+from aa4d.capture.placement import Placement
 from aa4d.capture.reader import PinholeCamera
+from aa4d.capture.selfcheck import SelfCheck
+from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.writing import Cloud, Shot
 from aa4d.files import write_text
-
-if TYPE_CHECKING:
-    from aa4d.capture.make import Made
 
 SHOWN_POINTS = 20_000
 PICTURED_FRAMES = 4
@@ -26,33 +29,32 @@ PICTURE_PX = 480
 
 
 def write_report(
-    made: Made,
+    made: CaptureSummary,
     clip: Clip,
-    cameras: dict[str, Any],
-    geometry: dict[str, Any],
-    checked: dict[str, Any],
-    shots: list[Shot],
-    cloud: Cloud,
-    pinhole: PinholeCamera,
+    cameras: Cameras,
+    matches: Matches | None,
+    checked: SelfCheck,
+    placement: Placement,
 ) -> None:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
+    shots, pinhole = placement.shots, placement.pinhole
     centres = np.array([-s.viewmat[:3, :3].T @ s.viewmat[:3, 3] for s in shots])
     right, down, ahead = (np.array([s.viewmat[axis, :3] for s in shots]) for axis in range(3))
     html = environment.get_template("report.html.jinja").render(
         made=made,
         clip=clip,
         cameras=cameras,
-        geometry=geometry,
+        geometry={} if matches is None else matches.geometry,
         checked=checked,
         pinhole=pinhole,
         total=sum(made.seconds.values()),
         share=made.frames / made.used,
-        frame_errors=_svg_bars([checked["frame_px"].get(s.name, 0.0) for s in shots]),
-        histogram=_svg_bars(checked["histogram"]),
+        frame_errors=_svg_bars([checked.frame_px.get(s.name, 0.0) for s in shots]),
+        histogram=_svg_bars(checked.histogram),
         pictures=[_picture(made.folder, shots[i]) for i in spread(len(shots))],
-        view=_view(cloud, centres, right, down, ahead, pinhole),
+        view=_view(placement.cloud, centres, right, down, ahead, pinhole),
     )
     write_text(made.report, html)
 
@@ -97,7 +99,7 @@ def _base64(values: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
-def _svg_bars(values: list[float]) -> str:
+def _svg_bars(values: Sequence[float]) -> str:
     """Bars as SVG, the highest filling the height."""
     top = max([*values, 1e-9])
     bars = "".join(

@@ -7,7 +7,7 @@ import shutil
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import cv2
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from aa4d.capture.clip import Clip, ClipFrame, Picture
 from aa4d.capture.pictures import save_png
 from aa4d.capture.settings import Selection
-from aa4d.capture.workspace import Progress
+from aa4d.capture.sources import Source
+from aa4d.capture.workspace import Progress, Step
 from aa4d.errors import InputError
 
 SHARPNESS_PX = 640  # sharpness and repetition are judged on pictures of that width
@@ -47,6 +48,15 @@ def sharpness(pixels: NDArray[np.uint8]) -> float:
 def thumbnail(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
     return np.asarray(cv2.resize(grey, THUMBNAIL, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def frames_step(source: Source, selection: Selection) -> Step[Clip]:
+    def run(folder: Path, progress: Progress) -> Clip:
+        for leftover in folder.glob("*.*g"):
+            leftover.unlink()
+        return make_clip(source.pictures, source.times_s(), selection, source.notes, folder, progress)
+
+    return Step("frames", [source.stamps(), asdict(selection)], run, Clip)
 
 
 def make_clip(
@@ -196,7 +206,7 @@ def _reject(kept: list[Candidate], rejected: list[int], reason: str, folder: Pat
     if not rejected:
         return
     labels = [kept[i].picture.label for i in rejected]
-    notes.append(f"{some(labels)} left out: {reason}")
+    notes.append(f"{abbreviate(labels)} left out: {reason}")
     for i in reversed(rejected):
         (folder / kept.pop(i).file).unlink()
 
@@ -206,8 +216,8 @@ def shown(path: Path) -> str:
     return os.fsencode(path.name).decode("utf-8", errors="backslashreplace")
 
 
-def some(labels: list[str]) -> str:
-    """A few names of many."""
+def abbreviate(labels: list[str]) -> str:
+    """The names, or a few of many."""
     if len(labels) <= 4:
         return ", ".join(labels)
     return f"{len(labels)} frames ({labels[0]}, {labels[1]}, ... {labels[-1]})"

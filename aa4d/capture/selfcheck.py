@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,26 @@ COMPARED_FRAMES = 5
 Floats = NDArray[np.float64]
 
 
-def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], shrunk: float) -> dict[str, Any]:
-    """Errors are in pixels of the capture's frames.
+@dataclass(frozen=True)
+class ReprojectionError:
+    """Of all observations, in pixels of the capture's frames."""
+
+    median: float
+    mean: float
+    p90: float
+
+
+@dataclass(frozen=True)
+class SelfCheck:
+    reprojection_px: ReprojectionError
+    frame_px: dict[str, float]  # median of each frame that shows points, by its name
+    histogram: list[int]  # observations by their error, in 20 bins from 0 to 4 px
+    color_difference: float  # median, of 255
+    steps_m: list[float]  # between successive cameras
+
+
+def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], shrunk: float) -> SelfCheck:
+    """Compare a capture, as training reads it, with what it was reconstructed from.
 
     Args:
         observations: for each frame's name, points [M, 3] in world coordinates and where the frame shows them [M, 2],
@@ -45,17 +63,13 @@ def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], 
             f"the self-check failed (reprojection error {np.median(every):.1f} px in frames of {size}, colours "
             f"{color:.0f} of 255 apart): the cameras do not belong to these frames; try --preset accurate"
         )
-    return {
-        "reprojection_px": {
-            "median": float(np.median(every)),
-            "mean": float(every.mean()),
-            "p90": float(np.percentile(every, 90)),
-        },
-        "frame_px": {name: float(np.median(e)) for name, e in errors.items()},
-        "histogram": np.histogram(every, bins=20, range=(0, 4))[0].tolist(),
-        "color_difference": color,
-        "steps_m": _steps(capture),
-    }
+    return SelfCheck(
+        ReprojectionError(float(np.median(every)), float(every.mean()), float(np.percentile(every, 90))),
+        frame_px={name: float(np.median(e)) for name, e in errors.items()},
+        histogram=np.histogram(every, bins=20, range=(0, 4))[0].tolist(),
+        color_difference=color,
+        steps_m=_steps(capture),
+    )
 
 
 def reprojection_errors_px(capture: Capture, viewmat: Floats, points: Floats, pixels: Floats) -> Floats:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -30,7 +31,7 @@ from aa4d.capture.movers import (
 from aa4d.capture.selection import is_within
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source
-from aa4d.capture.workspace import Progress
+from aa4d.capture.workspace import Progress, Step, StepResult
 from aa4d.errors import InputError
 
 LENGTHS = 0.5  # that a mover may travel from one frame used to the next
@@ -61,19 +62,40 @@ class Pace:
     last_s: float
 
 
-def choose_spacing(source: Source, selection: Selection, progress: Progress) -> dict[str, Any]:
-    """A step of `aa4d capture`: `pace` (as Pace, or None where it cannot be told), `end_s` of the selection, `notes`.
+@dataclass(frozen=True)
+class Spacing(StepResult):
+    pace: Pace | None  # None where it cannot be told
+    end_s: float | None  # of the selection
+    notes: tuple[str, ...]
 
-    Where nobody has said which frames to use, the clip ends where so many as are used at most lie close enough for
-    movers to be followed. Nothing is taken from `source.pictures`.
+    @classmethod
+    def from_json(cls, folder: Path, value: dict[str, Any]) -> Self:
+        pace = value["pace"]
+        return cls(folder, Pace(**pace) if pace else None, value["end_s"], tuple(value["notes"]))
+
+
+def spacing_step(source: Source, selection: Selection) -> Step[Spacing]:
+    return Step(
+        "spacing",
+        [source.stamps(), selection.start_s, selection.end_s, selection.folder_fps, selection.is_open],
+        lambda folder, progress: choose_spacing(source, selection, folder, progress),
+        Spacing,
+    )
+
+
+def choose_spacing(source: Source, selection: Selection, folder: Path, progress: Progress) -> Spacing:
+    """Measure the movers' pace, and end the clip where they could no longer be followed.
+
+    Where nobody has said which frames to use, it ends where so many as are used at most lie close enough together.
+    Nothing is taken from `source.pictures`, and nothing is written into `folder`.
     """
     times = [t for t in source.times_s() if is_within(t, selection)]
     paces = _paces(source, times, progress)
     if len(paces) < FEWEST_SEEN:
-        return {"pace": None, "end_s": selection.end_s, "notes": []}
+        return Spacing(folder, None, selection.end_s, ())
     pace = Pace(float(np.percentile(paces, SLOWER)), _step_of(times), times[0], times[-1])
     end_s, notes = followable_until(pace, times, selection)
-    return {"pace": asdict(pace), "end_s": end_s, "notes": notes}
+    return Spacing(folder, pace, end_s, tuple(notes))
 
 
 def followable_until(pace: Pace, times: list[float], selection: Selection) -> tuple[float | None, list[str]]:

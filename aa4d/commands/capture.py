@@ -19,7 +19,7 @@ from aa4d.console import SECONDS_BETWEEN_LINES, console
 from aa4d.errors import InputError
 
 if TYPE_CHECKING:
-    from aa4d.capture.make import Made
+    from aa4d.capture.summary import CaptureSummary
 
 MOST_THREADS = 256  # more than cores on nearly all machines; what a system cannot start ends the whole process
 
@@ -109,17 +109,17 @@ def capture(
     tell(made)
 
 
-def tell(made: Made) -> None:
+def tell(made: CaptureSummary) -> None:
     """What was made, what was left out, and what would help."""
-    unit = "metres" if made.world["unit"] == "metres" else "not known to be metres"
+    unit = "metres" if made.world.unit == "metres" else "not known to be metres"
     width, height = made.size
-    error_m = made.world["gnss_error_m"]
+    error_m = made.world.gnss_error_m
     fit = "" if error_m is None else f", the cameras {error_m:.2f} m from theirs (median)"
     console.print(
         f"{made.frames} of {made.used} frames have a pose, {made.points} points, reprojection error "
         f"{made.reprojection_px:.2f} px in frames of {width}x{height}, field of view {made.fov_deg:.0f} degrees, "
         f"{sum(made.seconds.values()):.0f} s\n"
-        f"scale: {unit} ({made.world['scale_from']}{fit})\nup: {made.world['up_from']}\nmovers: {made.movers}",
+        f"scale: {unit} ({made.world.scale_from}{fit})\nup: {made.world.up_from}\nmovers: {made.movers}",
         highlight=False,
         soft_wrap=True,
     )

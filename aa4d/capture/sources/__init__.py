@@ -31,6 +31,10 @@ class Source:
     # Of a source whose `pictures` can be gone through once: those from a second on, again.
     again: Callable[[float], Iterable[Picture]] | None = None
 
+    def stamps(self) -> list[tuple[str, int, int]]:
+        """Path, size and time of change of every file: what steps that read them depend on."""
+        return [(str(f), f.stat().st_size, f.stat().st_mtime_ns) for f in self.files]
+
     def pictures_from(self, start_s: float) -> Iterable[Picture]:
         """To look at some; `pictures` stays untouched. Earlier ones may come first."""
         return self.pictures if self.again is None else self.again(start_s)
