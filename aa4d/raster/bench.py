@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
-from aa4d.raster import Camera, Gaussians, Options, _native, rasterize, reference
+from aa4d import _native
+from aa4d.raster import Camera, Gaussians, Options, rasterize, reference
 from aa4d.raster.cutoffs import CUTOFFS, Cutoffs
 from aa4d.raster.native import draw
 
@@ -202,7 +203,7 @@ def measure(scene: Scene, repeats: int, before_mib: float, single_thread: bool =
         width=scene.width,
         height=scene.height,
         threads=threads,
-        instruction_set=_native.instruction_set(),
+        instruction_set=_native.raster.instruction_set(),
         forward_ms=1e3 * min(forward),
         forward_median_ms=1e3 * statistics.median(forward),
         backward_ms=1e3 * min(backward),
@@ -320,7 +321,7 @@ def _arithmetic_seconds(is_backward: bool, pairs: int) -> float:
     times = []
     for _ in range(50):
         start = time.perf_counter()
-        _native.arithmetic(is_backward, sample, torch.get_num_threads())
+        _native.raster.arithmetic(is_backward, sample, torch.get_num_threads())
         times.append(time.perf_counter() - start)
     return min(times) * pairs / sample
 

@@ -1,4 +1,4 @@
-"""The constants of the rasteriser (those of gsplat), mirrored in csrc/constants.hpp: a test holds the two together."""
+"""Constants of the rasteriser (those of gsplat). A test holds them to aa4d/_native/raster/constants.hpp."""
 
 DILATION = 0.3  # added to both diagonals of the projected covariance, px^2 (EWA's low-pass filter)
 MAX_ALPHA = 0.99  # keeps 1 - alpha away from zero; no gradient passes where it binds

@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from aa4d.kernels import _native
+from aa4d import _native
 from aa4d.kernels.image_loss import _image_loss, image_loss
 from aa4d.kernels.local_gaussians import _local_gaussians, local_gaussians
 from aa4d.kernels.plane_lookup import _look_up, look_up
@@ -268,7 +268,7 @@ for threads in (1, 2, 3, 5):
 
 def test_the_number_of_threads_changes_no_bit_and_instruction_sets_agree() -> None:
     means = []
-    for instruction_set in {"portable", "avx2" if _native.instruction_set() != "portable" else "portable", ""}:
+    for instruction_set in {"portable", "avx2" if _native.field.instruction_set() != "portable" else "portable", ""}:
         result = subprocess.run(
             [sys.executable, "-c", ALL_KERNELS],
             env=os.environ | {"AA4D_SIMD": instruction_set},
@@ -286,7 +286,7 @@ def test_the_number_of_threads_changes_no_bit_and_instruction_sets_agree() -> No
 
 def test_an_instruction_set_that_does_not_exist_is_refused() -> None:
     result = subprocess.run(
-        [sys.executable, "-c", "from aa4d.kernels import _native; _native.instruction_set()"],
+        [sys.executable, "-c", "from aa4d import _native; _native.field.instruction_set()"],
         env=os.environ | {"AA4D_SIMD": "mmx"},
         capture_output=True,
         text=True,
