@@ -58,7 +58,10 @@ class ThreadPool {
       job_ = &job;
       ++generation_;
     }
-    if (helpers == 1) wake_.notify_one(); else wake_.notify_all();
+    if (helpers == 1)
+      wake_.notify_one();
+    else
+      wake_.notify_all();
     job.work();
     spin_until([this] { return active_ == 0; });
     std::unique_lock lock(mutex_);

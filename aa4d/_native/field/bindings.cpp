@@ -1,4 +1,5 @@
-// The bindings of the field's kernels: they check dtypes, shapes and layout, and let other Python threads run meanwhile.
+// The bindings of the field's kernels: they check dtypes, shapes and layout, and let other Python threads run
+// meanwhile.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -18,6 +19,7 @@
 #include "field/two_layer.hpp"
 
 namespace nb = nanobind;
+namespace field = aa4d::field;
 using namespace nb::literals;
 
 namespace {
@@ -40,13 +42,13 @@ auto* pointer(const std::optional<T>& array) {
 
 int size(const auto& array, int axis) { return static_cast<int>(array.shape(axis)); }
 
-aa4d::field::Query make_query(const std::vector<Texels>& planes, const Array<-1, 3>& coordinates, float time,
-                       const std::optional<Texels>& scores) {
-  require(!planes.empty() && planes.size() % aa4d::field::kPlanes == 0 &&
-              planes.size() <= aa4d::field::kPlanes * static_cast<std::size_t>(aa4d::field::kMaxLevels),
+field::Query make_query(const std::vector<Texels>& planes, const Array<-1, 3>& coordinates, float time,
+                        const std::optional<Texels>& scores) {
+  require(!planes.empty() && planes.size() % field::kPlanes == 0 &&
+              planes.size() <= field::kPlanes * static_cast<std::size_t>(field::kMaxLevels),
           "expected six planes for each of 1 to 8 levels");
-  aa4d::field::Query query = {};
-  query.levels = static_cast<int>(planes.size()) / aa4d::field::kPlanes;
+  field::Query query = {};
+  query.levels = static_cast<int>(planes.size()) / field::kPlanes;
   query.channels = size(planes[0], 2);
   query.anchors = coordinates.shape(0);
   query.coordinates = coordinates.data();
@@ -55,9 +57,9 @@ aa4d::field::Query make_query(const std::vector<Texels>& planes, const Array<-1,
   for (std::size_t i = 0; i < planes.size(); ++i) {
     require(size(planes[i], 2) == query.channels, "planes differ in their number of channels");
     require(planes[i].size() > 0, "a plane is empty");
-    query.planes[i / aa4d::field::kPlanes][i % aa4d::field::kPlanes] = {planes[i].data(), size(planes[i], 0), size(planes[i], 1)};
+    query.planes[i / field::kPlanes][i % field::kPlanes] = {planes[i].data(), size(planes[i], 0), size(planes[i], 1)};
   }
-  require(!scores || (scores->shape(0) == query.anchors && scores->shape(1) == aa4d::field::kPlanes &&
+  require(!scores || (scores->shape(0) == query.anchors && scores->shape(1) == field::kPlanes &&
                       size(*scores, 2) == query.channels),
           "scores must be [N, 6, C]");
   return query;
@@ -66,40 +68,41 @@ aa4d::field::Query make_query(const std::vector<Texels>& planes, const Array<-1,
 void look_up(const std::vector<Texels>& planes, const Array<-1, 3>& coordinates, float time,
              const std::optional<Texels>& scores, int threads, const Matrix& features,
              const std::optional<Texels>& weights) {
-  const aa4d::field::Query query = make_query(planes, coordinates, time, scores);
+  const field::Query query = make_query(planes, coordinates, time, scores);
   require(features.shape(0) == query.anchors && size(features, 1) == query.levels * query.channels,
           "features must be [N, L C]");
   require(weights.has_value() == scores.has_value() && (!weights || weights->size() == scores->size()),
           "weights must be like scores");
   const nb::gil_scoped_release release;
-  aa4d::field::look_up_planes(query, threads, features.data(), pointer(weights));
+  field::look_up_planes(query, threads, features.data(), pointer(weights));
 }
 
 void look_up_backward(const std::vector<Texels>& planes, const Array<-1, 3>& coordinates, float time,
                       const std::optional<Texels>& scores, const std::optional<Texels>& weights,
-                      const Matrix& d_features, int threads, const Vector& result, const std::vector<Texels>& d_planes) {
-  const aa4d::field::Query query = make_query(planes, coordinates, time, scores);
-  const std::size_t per_anchor = static_cast<std::size_t>(aa4d::field::kPlanes) * query.channels;
+                      const Matrix& d_features, int threads, const Vector& result,
+                      const std::vector<Texels>& d_planes) {
+  const field::Query query = make_query(planes, coordinates, time, scores);
+  const std::size_t per_anchor = static_cast<std::size_t>(field::kPlanes) * query.channels;
   require(weights.has_value() == scores.has_value() && (!weights || weights->size() == scores->size()),
           "weights must be like scores");
   require(d_features.shape(0) == query.anchors && size(d_features, 1) == query.levels * query.channels,
           "features must be [N, L C]");
   require(result.size() == query.anchors * per_anchor * (scores ? 1 : query.levels), "result has the wrong size");
   require(d_planes.size() == planes.size(), "one gradient is needed for each plane");
-  float* gradients[aa4d::field::kMaxLevels][aa4d::field::kPlanes];
+  float* gradients[field::kMaxLevels][field::kPlanes];
   for (std::size_t i = 0; i < planes.size(); ++i) {
     require(d_planes[i].size() == planes[i].size(), "a gradient differs in size from its plane");
-    gradients[i / aa4d::field::kPlanes][i % aa4d::field::kPlanes] = d_planes[i].data();
+    gradients[i / field::kPlanes][i % field::kPlanes] = d_planes[i].data();
   }
   const nb::gil_scoped_release release;
-  aa4d::field::look_up_planes_backward(query, threads, pointer(weights), d_features.data(), result.data(), gradients);
+  field::look_up_planes_backward(query, threads, pointer(weights), d_features.data(), result.data(), gradients);
 }
 
 double penalise(const std::vector<Texels>& planes, const std::vector<float>& smoothness,
                 const std::vector<float>& constancy, const std::vector<std::optional<Texels>>& gradients, int threads) {
   require(smoothness.size() == planes.size() && constancy.size() == planes.size() && gradients.size() == planes.size(),
           "one weight and one gradient are needed for each plane");
-  std::vector<aa4d::field::Penalty> penalties;
+  std::vector<field::Penalty> penalties;
   for (std::size_t i = 0; i < planes.size(); ++i) {
     const Texels& plane = planes[i];
     require(!gradients[i] || gradients[i]->size() == plane.size(), "a gradient differs in size from its plane");
@@ -109,12 +112,12 @@ double penalise(const std::vector<Texels>& planes, const std::vector<float>& smo
                          constancy[i] / (static_cast<float>(rows) * static_cast<float>(width)), pointer(gradients[i])});
   }
   const nb::gil_scoped_release release;
-  return aa4d::field::penalise_planes(penalties.data(), penalties.size(), threads);
+  return field::penalise_planes(penalties.data(), penalties.size(), threads);
 }
 
-std::vector<aa4d::field::Layers> make_layers(const std::vector<LayerTensors>& networks, const Matrix& x, bool timed) {
+std::vector<field::Layers> make_layers(const std::vector<LayerTensors>& networks, const Matrix& x, bool timed) {
   require(!networks.empty(), "no network");
-  std::vector<aa4d::field::Layers> layers;
+  std::vector<field::Layers> layers;
   for (const auto& [w1, b1, w2, b2] : networks) {
     require(w1.shape(1) == x.shape(1) + (timed ? 1 : 0) && b1.shape(0) == w1.shape(0) && w2.shape(1) == w1.shape(0) &&
                 b2.shape(0) == w2.shape(0),
@@ -126,35 +129,38 @@ std::vector<aa4d::field::Layers> make_layers(const std::vector<LayerTensors>& ne
 
 void networks_forward(const Matrix& x, const std::vector<LayerTensors>& networks, std::optional<float> time,
                       int threads, const std::vector<Matrix>& outputs) {
-  const std::vector<aa4d::field::Layers> layers = make_layers(networks, x, time.has_value());
+  const std::vector<field::Layers> layers = make_layers(networks, x, time.has_value());
   require(outputs.size() == layers.size(), "one output is needed for each network");
   std::vector<float*> y;
   for (std::size_t i = 0; i < layers.size(); ++i) {
-    require(outputs[i].shape(0) == x.shape(0) && size(outputs[i], 1) == layers[i].outputs, "an output has the wrong size");
+    require(outputs[i].shape(0) == x.shape(0) && size(outputs[i], 1) == layers[i].outputs,
+            "an output has the wrong size");
     y.push_back(outputs[i].data());
   }
   const nb::gil_scoped_release release;
-  aa4d::field::networks_forward(layers, time, x.shape(0), x.data(), y, threads);
+  field::networks_forward(layers, time, x.shape(0), x.data(), y, threads);
 }
 
 void networks_backward(const Matrix& x, const std::vector<LayerTensors>& networks, std::optional<float> time,
                        const std::vector<Matrix>& d_outputs, int threads, const std::optional<Matrix>& d_x,
                        const std::vector<LayerTensors>& gradients) {
-  const std::vector<aa4d::field::Layers> layers = make_layers(networks, x, time.has_value());
-  require(d_outputs.size() == layers.size() && gradients.size() == layers.size(), "one gradient is needed for each network");
+  const std::vector<field::Layers> layers = make_layers(networks, x, time.has_value());
+  require(d_outputs.size() == layers.size() && gradients.size() == layers.size(),
+          "one gradient is needed for each network");
   require(!d_x || (d_x->shape(0) == x.shape(0) && d_x->shape(1) == x.shape(1)), "d_x must be like x");
   make_layers(gradients, x, time.has_value());
   std::vector<const float*> d_y;
-  std::vector<aa4d::field::LayersGradient> out;
+  std::vector<field::LayersGradient> out;
   for (std::size_t i = 0; i < layers.size(); ++i) {
-    require(d_outputs[i].shape(0) == x.shape(0) && size(d_outputs[i], 1) == layers[i].outputs, "an output has the wrong size");
+    require(d_outputs[i].shape(0) == x.shape(0) && size(d_outputs[i], 1) == layers[i].outputs,
+            "an output has the wrong size");
     const auto& [w1, b1, w2, b2] = gradients[i];
     require(size(w1, 0) == layers[i].hidden && size(w2, 0) == layers[i].outputs, "a gradient has the wrong size");
     d_y.push_back(d_outputs[i].data());
     out.push_back({w1.data(), b1.data(), w2.data(), b2.data()});
   }
   const nb::gil_scoped_release release;
-  aa4d::field::networks_backward(layers, time, x.shape(0), x.data(), d_y, pointer(d_x), out, threads);
+  field::networks_backward(layers, time, x.shape(0), x.data(), d_y, pointer(d_x), out, threads);
 }
 
 nb::tuple compare_images(const Array<-1, -1, 3>& image, const Array<-1, -1, 3>& target, float dssim,
@@ -162,11 +168,11 @@ nb::tuple compare_images(const Array<-1, -1, 3>& image, const Array<-1, -1, 3>& 
   require(image.size() > 0 && image.shape(0) == target.shape(0) && image.shape(1) == target.shape(1) &&
               (!gradient || gradient->size() == image.size()),
           "the images differ in size");
-  aa4d::field::ImageErrors errors;
+  field::ImageErrors errors;
   {
     const nb::gil_scoped_release release;
-    errors = aa4d::field::compare_images(size(image, 0), size(image, 1), image.data(), target.data(), dssim, pointer(gradient),
-                                  threads);
+    errors = field::compare_images(size(image, 0), size(image, 1), image.data(), target.data(), dssim,
+                                   pointer(gradient), threads);
   }
   return nb::make_tuple(errors.similarity, errors.absolute, errors.squared);
 }
@@ -176,19 +182,19 @@ using AnchorTensors = std::tuple<Matrix, Texels, Matrix, Matrix, Matrix, Matrix>
 // means, quaternions, scales, opacities, colors
 using GaussianTensors = std::tuple<Matrix, Matrix, Matrix, Vector, Matrix>;
 
-aa4d::field::AnchorOutputs make_anchors(const AnchorTensors& tensors) {
+field::AnchorOutputs make_anchors(const AnchorTensors& tensors) {
   const auto& [position, offset, scale, opacity, color, covariance] = tensors;
   const std::size_t n = position.shape(0), K = offset.shape(1);
-  require(K <= aa4d::field::kMaxOffsets, "more than 64 offsets");
+  require(K <= field::kMaxOffsets, "more than 64 offsets");
   require(position.shape(1) == 3 && offset.shape(0) == n && offset.shape(2) == 3 && scale.shape(0) == n &&
               scale.shape(1) == 6 && opacity.shape(0) == n && opacity.shape(1) == K && color.shape(0) == n &&
               color.shape(1) == 3 * K && covariance.shape(0) == n && covariance.shape(1) == 7 * K,
           "the tensors of the anchors do not fit");
-  return {static_cast<int>(K), position.data(), offset.data(), scale.data(),
+  return {static_cast<int>(K), position.data(), offset.data(),    scale.data(),
           opacity.data(),      color.data(),    covariance.data()};
 }
 
-aa4d::field::LocalGaussians make_gaussians(const GaussianTensors& tensors, std::size_t count) {
+field::LocalGaussians make_gaussians(const GaussianTensors& tensors, std::size_t count) {
   const auto& [means, quaternions, scales, opacities, colors] = tensors;
   require(means.size() == 3 * count && quaternions.size() == 4 * count && scales.size() == 3 * count &&
               opacities.size() == count && colors.size() == 3 * count,
@@ -197,27 +203,27 @@ aa4d::field::LocalGaussians make_gaussians(const GaussianTensors& tensors, std::
 }
 
 void local_gaussians(const AnchorTensors& anchors, int threads, const GaussianTensors& gaussians) {
-  const aa4d::field::AnchorOutputs from = make_anchors(anchors);
+  const field::AnchorOutputs from = make_anchors(anchors);
   const std::size_t count = std::get<0>(anchors).shape(0);
-  const aa4d::field::LocalGaussians to = make_gaussians(gaussians, count * from.offsets);
+  const field::LocalGaussians to = make_gaussians(gaussians, count * from.offsets);
   const nb::gil_scoped_release release;
-  aa4d::field::make_local_gaussians(from, count, threads, to);
+  field::make_local_gaussians(from, count, threads, to);
 }
 
 void local_gaussians_backward(const AnchorTensors& anchors, int threads, const Vector& opacities, const Matrix& colors,
                               const GaussianTensors& gradient, const AnchorTensors& d_anchors) {
-  const aa4d::field::AnchorOutputs from = make_anchors(anchors);
+  const field::AnchorOutputs from = make_anchors(anchors);
   const std::size_t count = std::get<0>(anchors).shape(0), gaussians = count * from.offsets;
-  const aa4d::field::LocalGaussians d = make_gaussians(gradient, gaussians);
+  const field::LocalGaussians d = make_gaussians(gradient, gaussians);
   require(opacities.size() == gaussians && colors.size() == 3 * gaussians, "the tensors of the Gaussians do not fit");
   require(make_anchors(d_anchors).offsets == from.offsets && std::get<0>(d_anchors).shape(0) == count,
           "the gradients of the anchors do not fit");
   const auto& [position, offset, scale, opacity, color, covariance] = d_anchors;
-  const aa4d::field::LocalGaussians value = {nullptr, nullptr, nullptr, opacities.data(), colors.data()};
-  const aa4d::field::AnchorGradient out = {position.data(), offset.data(), scale.data(),
-                                    opacity.data(),  color.data(),  covariance.data()};
+  const field::LocalGaussians value = {nullptr, nullptr, nullptr, opacities.data(), colors.data()};
+  const field::AnchorGradient out = {position.data(), offset.data(), scale.data(),
+                                     opacity.data(),  color.data(),  covariance.data()};
   const nb::gil_scoped_release release;
-  aa4d::field::make_local_gaussians_backward(from, count, threads, value, d, out);
+  field::make_local_gaussians_backward(from, count, threads, value, d, out);
 }
 
 }  // namespace
@@ -235,5 +241,5 @@ void bind_field(nb::module_& m) {
   m.def("local_gaussians", &local_gaussians, "anchors"_a, "threads"_a, "gaussians"_a);
   m.def("local_gaussians_backward", &local_gaussians_backward, "anchors"_a, "threads"_a, "opacities"_a, "colors"_a,
         "gradient"_a, "d_anchors"_a);
-  m.def("instruction_set", [] { return aa4d::field::kernels().name; });
+  m.def("instruction_set", [] { return field::kernels().name; });
 }

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "common/buffer.hpp"
-#include "field/kernels.hpp"
 #include "common/thread_pool.hpp"
+#include "field/kernels.hpp"
 
 namespace aa4d::field {
 namespace {
@@ -33,8 +33,15 @@ ImageErrors compare_images(int height, int width, const float* image, const floa
   Buffer<float> filtered, derivatives;
   filtered.resize_discarding(5 * map);
   if (gradient) derivatives.resize_discarding(3 * map);
-  const SimilarityRows rows = {3 * width, height, image, target, filtered.data(), gradient ? derivatives.data() : nullptr,
-                               gradient, -dssim / static_cast<float>(map), (1 - dssim) / static_cast<float>(map)};
+  const SimilarityRows rows = {3 * width,
+                               height,
+                               image,
+                               target,
+                               filtered.data(),
+                               gradient ? derivatives.data() : nullptr,
+                               gradient,
+                               -dssim / static_cast<float>(map),
+                               (1 - dssim) / static_cast<float>(map)};
   std::vector<RowErrors> sums(height);
   for_rows(height, threads, [&](int row) { kernels().filter_row(rows, row, padding_for(rows.width)); });
   for_rows(height, threads, [&](int row) { sums[row] = kernels().compare_row(rows, row, padding_for(rows.width)); });

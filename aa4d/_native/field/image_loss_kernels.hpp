@@ -1,5 +1,5 @@
-// SSIM, absolute and squared error, row by row. Pixels are interleaved (r g b r g b ...), so a horizontal neighbour is three floats away and every
-// filter runs over whole registers of one row.
+// SSIM, absolute and squared error, row by row. Pixels are interleaved (r g b r g b ...), so a horizontal neighbour is
+// three floats away and every filter runs over whole registers of one row.
 #pragma once
 
 #include "field/kernels.hpp"
@@ -9,8 +9,8 @@ namespace aa4d::field::AA4D_ARCH {
 
 // exp(-(i / 1.5)^2 / 2), i = -5..5, divided by their sum.
 inline constexpr float kWindow[kTaps] = {0.00102838008f, 0.00759875814f, 0.0360007721f, 0.10936069f,
-                                         0.213005538f,  0.266011725f,   0.213005538f,  0.10936069f,
-                                         0.0360007721f, 0.00759875814f, 0.00102838008f};
+                                         0.213005538f,   0.266011725f,   0.213005538f,  0.10936069f,
+                                         0.0360007721f,  0.00759875814f, 0.00102838008f};
 inline constexpr float kLuminance = 0.01f * 0.01f, kContrast = 0.03f * 0.03f;
 
 // Rows of scratch memory have kMargin zeros on both sides of the image's row.
@@ -105,7 +105,8 @@ inline RowErrors compare_row(const SimilarityRows& s, int row, float* padding) {
   for (; x + kWidth <= s.width; x += kWidth) compare_lanes<true>(s, row, x, kWidth, out, totals);
   if (x < s.width) compare_lanes<false>(s, row, x, s.width - x, out, totals);
   if (s.derivatives != nullptr) {
-    const std::size_t first = static_cast<std::size_t>(row) * s.width, map = static_cast<std::size_t>(s.width) * s.height;
+    const std::size_t first = static_cast<std::size_t>(row) * s.width,
+                      map = static_cast<std::size_t>(s.width) * s.height;
     for (int i = 0; i < 3; ++i) filter_along(out[i], s.width, s.derivatives + i * map + first);
   }
   return {sum(totals[0]), sum(totals[1]), sum(totals[2])};
@@ -113,7 +114,8 @@ inline RowErrors compare_row(const SimilarityRows& s, int row, float* padding) {
 
 template <bool kWhole>
 inline void differentiate_lanes(const SimilarityRows& s, int row, int x, int lanes) {
-  const std::size_t place = static_cast<std::size_t>(row) * s.width + x, map = static_cast<std::size_t>(s.width) * s.height;
+  const std::size_t place = static_cast<std::size_t>(row) * s.width + x,
+                    map = static_cast<std::size_t>(s.width) * s.height;
   Vector d[3];
   for (int i = 0; i < 3; ++i) d[i] = filter_down<kWhole>(s, s.derivatives + i * map, row, x, lanes);
   const Vector image = load<kWhole>(s.image + place, lanes), target = load<kWhole>(s.target + place, lanes);

@@ -13,9 +13,8 @@
 namespace aa4d::field::AA4D_ARCH {
 
 inline constexpr Kernels kKernels = {
-    AA4D_TEXT(AA4D_ARCH), &look_up,        &look_up_backward,        &scatter,
-    &penalise,            &network_forward, &network_backward,        &filter_row,
-    &compare_row,         &differentiate_row, &make_gaussians, &make_gaussians_backward,
+    AA4D_TEXT(AA4D_ARCH), &look_up,    &look_up_backward, &scatter,           &penalise,       &network_forward,
+    &network_backward,    &filter_row, &compare_row,      &differentiate_row, &make_gaussians, &make_gaussians_backward,
 };
 
 }  // namespace aa4d::field::AA4D_ARCH

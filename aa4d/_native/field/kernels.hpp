@@ -64,7 +64,7 @@ struct SimilarityRows {
   const float *image, *target;
   float* filtered;     // [5, height, width]: x, y, x^2, y^2, x y, filtered along rows
   float* derivatives;  // [3, height, width]: d/d(mean of x, of x^2, of x y), filtered along rows; null without gradient
-  float* gradient;     // [height, width]
+  float* gradient;  // [height, width]
   float by_similarity, by_absolute;  // of the gradient: their weights divided by the number of values
 };
 
@@ -76,8 +76,8 @@ struct RowErrors {
 // N anchors as the decoders left them; K = offsets.
 struct AnchorOutputs {
   int offsets;
-  const float *position, *offset, *scale;      // [N, 3], [N, K, 3], [N, 6]
-  const float *opacity, *color, *covariance;   // [N, K], [N, K, 3], [N, K, 7]: before tanh and sigmoid
+  const float *position, *offset, *scale;  // [N, 3], [N, K, 3], [N, 6]
+  const float *opacity, *color, *covariance;  // [N, K], [N, K, 3], [N, K, 7]: before tanh and sigmoid
 };
 
 struct AnchorGradient {
@@ -105,8 +105,8 @@ struct Kernels {
                   float* d_texels);
   double (*penalise)(const Penalty&, int begin, int end);  // rows [begin, end): value, and the gradient of those rows
   void (*network_forward)(const Network&, const NetworkScratch&, int rows, const float* x, float* y);
-  void (*network_backward)(const Network&, const NetworkScratch&, int rows, const float* x, const float* d_y, float* d_x,
-                           bool add_to_d_x, const NetworkGradient&);
+  void (*network_backward)(const Network&, const NetworkScratch&, int rows, const float* x, const float* d_y,
+                           float* d_x, bool add_to_d_x, const NetworkGradient&);
   void (*filter_row)(const SimilarityRows&, int row, float* padding);
   RowErrors (*compare_row)(const SimilarityRows&, int row, float* padding);
   void (*differentiate_row)(const SimilarityRows&, int row);

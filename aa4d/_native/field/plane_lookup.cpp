@@ -28,7 +28,8 @@ Lookup at_time(const Query& query, Buffer<float>& storage) {
   Lookup lookup = {};
   std::size_t needed = 0;
   for (int level = 0; level < query.levels; ++level) {
-    for (int p = 3; p < kPlanes; ++p) needed += static_cast<std::size_t>(query.planes[level][p].columns) * query.channels;
+    for (int p = 3; p < kPlanes; ++p)
+      needed += static_cast<std::size_t>(query.planes[level][p].columns) * query.channels;
   }
   storage.resize_discarding(needed);
   float* row = storage.data();

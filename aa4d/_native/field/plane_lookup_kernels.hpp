@@ -54,7 +54,8 @@ struct Texels {
 
   template <bool kWhole>
   Vector interpolate(int channel, int lanes) const {
-    Vector v = load<kWhole>(corner[0] + channel, lanes) * share[0] + load<kWhole>(corner[1] + channel, lanes) * share[1];
+    Vector v =
+        load<kWhole>(corner[0] + channel, lanes) * share[0] + load<kWhole>(corner[1] + channel, lanes) * share[1];
     if (count == 4) {
       v += load<kWhole>(corner[2] + channel, lanes) * share[2] + load<kWhole>(corner[3] + channel, lanes) * share[3];
     }
@@ -91,7 +92,10 @@ inline void look_up_channels(const Lookup& lookup, std::size_t anchor, int chann
     Vector result = splat(lookup.is_product ? 1.0f : 0.0f);
     for (int p = 0; p < kPlanes; ++p) {
       const Vector g = Texels(lookup.planes[level][p], p, channels, query).interpolate<kWhole>(channel, lanes);
-      if (lookup.is_product) result *= g; else result += w[p] * g;
+      if (lookup.is_product)
+        result *= g;
+      else
+        result += w[p] * g;
     }
     store<kWhole>(features + (anchor * lookup.levels + level) * channels + channel, result, lanes);
   }
@@ -169,7 +173,8 @@ inline void scatter(const Lookup& lookup, std::size_t count, int level, int plan
       }
     }
     for (int c = whole; c < channels; ++c) {
-      for (int k = 0; k < texels.count; ++k) const_cast<float*>(texels.corner[k])[c] += d[c] * factor[c] * texels.share[k];
+      for (int k = 0; k < texels.count; ++k)
+        const_cast<float*>(texels.corner[k])[c] += d[c] * factor[c] * texels.share[k];
     }
   }
 }

@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "common/buffer.hpp"
-#include "field/kernels.hpp"
 #include "common/thread_pool.hpp"
+#include "field/kernels.hpp"
 
 namespace aa4d::field {
 namespace {
@@ -19,8 +19,12 @@ class Packed {
     n.inputs = layers.inputs - (time ? 1 : 0);
     n.hidden = layers.hidden;
     n.outputs = layers.outputs;
-    const int sizes[] = {n.hidden * stride(n.inputs), n.inputs * stride(n.hidden), n.outputs * stride(n.hidden),
-                         n.hidden * stride(n.outputs), padded(n.hidden), padded(n.outputs)};
+    const int sizes[] = {n.hidden * stride(n.inputs),
+                         n.inputs * stride(n.hidden),
+                         n.outputs * stride(n.hidden),
+                         n.hidden * stride(n.outputs),
+                         padded(n.hidden),
+                         padded(n.outputs)};
     std::size_t total = 0;
     for (const int size : sizes) total += padded(size);
     storage_.resize_discarding(total);
@@ -144,8 +148,8 @@ void networks_backward(const std::vector<Layers>& networks, std::optional<float>
         const Network& n = packed[i].network;
         const GradientLayout& at = layouts[i];
         kernels().network_backward(
-            n, scratch, count, x + row * n.inputs, d_y[i] + row * n.outputs, d_x ? d_x + row * n.inputs : nullptr, i > 0,
-            {place + at.hidden_rows, place + at.output_rows, place + at.hidden_bias, place + at.output_bias});
+            n, scratch, count, x + row * n.inputs, d_y[i] + row * n.outputs, d_x ? d_x + row * n.inputs : nullptr,
+            i > 0, {place + at.hidden_rows, place + at.output_rows, place + at.hidden_bias, place + at.output_bias});
       }
     });
   });

@@ -36,8 +36,7 @@ inline constexpr int kChains = 3;
 struct Chain {
   Float u, w, transmittance, red, green, blue;
 
-  explicit Chain(int i)
-      : u(0.1f * (i + 1)), w(0.2f), transmittance(1.0f), red(0.0f), green(0.0f), blue(0.0f) {}
+  explicit Chain(int i) : u(0.1f * (i + 1)), w(0.2f), transmittance(1.0f), red(0.0f), green(0.0f), blue(0.0f) {}
 };
 
 // The arithmetic of forward_tile for `pairs` contributions: position, exponential, blending of three channels. Returns
@@ -69,7 +68,8 @@ inline float forward_arithmetic(std::uint64_t pairs) {
 // sums of a Gaussian.
 inline float backward_arithmetic(std::uint64_t pairs) {
   constexpr int kTwo = 2;  // chains: the nine sums take the registers
-  const Float log2_opacity(-7.0f), du(1e-6f), dw(-1e-6f), max_alpha(static_cast<float>(kMaxAlpha)), one(1.0f), zero(0.0f);
+  const Float log2_opacity(-7.0f), du(1e-6f), dw(-1e-6f), max_alpha(static_cast<float>(kMaxAlpha)), one(1.0f),
+      zero(0.0f);
   const Float cutoff(-8.0f), g_red(0.3f), g_green(0.4f), g_blue(0.5f), red(0.6f), green(0.7f), blue(0.8f);
   Float sums[9];
   for (Float& s : sums) s = zero;

@@ -5,8 +5,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "raster/kernels.hpp"
 #include "common/thread_pool.hpp"
+#include "raster/kernels.hpp"
 
 namespace aa4d::raster {
 namespace {
@@ -19,15 +19,15 @@ std::size_t chunks_of(std::size_t count) { return (count + kSortChunk - 1) / kSo
 
 template <class Body>
 void for_each_chunk(int threads, std::size_t count, const Body& body) {
-  parallel_for(threads, chunks_of(count), [&](std::size_t chunk) {
-    body(chunk, chunk * kSortChunk, std::min(count, (chunk + 1) * kSortChunk));
-  });
+  parallel_for(threads, chunks_of(count),
+               [&](std::size_t chunk) { body(chunk, chunk * kSortChunk, std::min(count, (chunk + 1) * kSortChunk)); });
 }
 
 // Turns how often each chunk has each of `values` into where the chunk's first one goes, value by value and chunk by
 // chunk, so that all chunks can deal at the same time and the result comes out as from a serial run. `begin`, if there
 // is one, gets where each value begins. Returns the total.
-std::uint32_t counts_to_places(Buffer<std::uint32_t>& counts, std::size_t chunks, std::size_t values, std::uint32_t* begin) {
+std::uint32_t counts_to_places(Buffer<std::uint32_t>& counts, std::size_t chunks, std::size_t values,
+                               std::uint32_t* begin) {
   std::uint32_t sum = 0;
   for (std::size_t value = 0; value < values; ++value) {
     if (begin) begin[value] = sum;
@@ -130,7 +130,8 @@ void find_tiles(Frame& frame, std::size_t begin, std::size_t end, std::int32_t* 
       for (int row = box.y_begin; row < box.y_end; row += kGroupSize) {
         for (int column = box.x_begin; column < box.x_end; column += kGroupSize) {
           const std::uint32_t in_box = lines(0, box.x_end - column, 0x1111, 1) & lines(0, box.y_end - row, 0x000f, 4);
-          for (std::uint32_t rest = in_box & test(frame.splats[g], frame.camera, column, row); rest != 0; rest &= rest - 1) {
+          for (std::uint32_t rest = in_box & test(frame.splats[g], frame.camera, column, row); rest != 0;
+               rest &= rest - 1) {
             const int tile = std::countr_zero(rest);
             touched.push_back((row + tile / kGroupSize) * frame.tiles_x + column + tile % kGroupSize);
           }

@@ -3,7 +3,8 @@
 // With g the gradient of the pixel, c.g the inner product of a Gaussian's colour with it, T the transmittance in front
 // of the Gaussian and S the sum of w c.g over everything behind it (background and alpha included):
 //   dL/d(alpha) = T c.g - S / (1 - alpha).
-// Walking back, T is regained by dividing by 1 - alpha >= 0.01 and S by adding what each Gaussian gave: neither cancels.
+// Walking back, T is regained by dividing by 1 - alpha >= 0.01 and S by adding what each Gaussian gave: neither
+// cancels.
 #pragma once
 
 #include "raster/blend_forward.hpp"

@@ -73,8 +73,8 @@ class ForwardBatch {
 inline void accumulate(float* sums, Float weight, Float value) { fma(weight, value, Float::load(sums)).store(sums); }
 
 // Blends the batch's selected splats into the pixels from `p` on; `place` is that of the batch's first entry in the
-// tile's list. `running` is the product of 1 - alpha, which tile.transmittance no longer follows once a pixel is finished.
-// Returns whether any pixel is still unfinished.
+// tile's list. `running` is the product of 1 - alpha, which tile.transmittance no longer follows once a pixel is
+// finished. Returns whether any pixel is still unfinished.
 template <bool kExtras>
 bool blend(const ForwardTile& tile, const ForwardBatch& batch, std::int32_t place, int p, float* running) {
   const Float cutoff(tile.log2_min_alpha), min_transmittance(tile.min_transmittance);
@@ -82,7 +82,8 @@ bool blend(const ForwardTile& tile, const ForwardBatch& batch, std::int32_t plac
   const Float x = Float::load(kGrid.pixel_x + p), y = Float::load(kGrid.pixel_y + p);
   std::int32_t* const pixel_end = tile.pixel_end + p;
   Float before = Float::load(running), left = Float::load(tile.transmittance + p);
-  Float red = Float::load(tile.color[0] + p), green = Float::load(tile.color[1] + p), blue = Float::load(tile.color[2] + p);
+  Float red = Float::load(tile.color[0] + p), green = Float::load(tile.color[1] + p),
+        blue = Float::load(tile.color[2] + p);
   Mask unfinished = before > min_transmittance;
   for (const std::uint32_t* e = batch.begin(); e != batch.end() && any(unfinished); ++e) {
     const SplatView& view = batch.view(*e);

@@ -9,11 +9,15 @@ namespace aa4d::raster::AA4D_ARCH {
 class Ellipse {
  public:
   Ellipse(Float l11, Float l21, Float l22, float reach)
-      : l11_(l11), l21_(l21), l22_(l22), best_y_(Float(0.0f) - l11 * l21 * reciprocal(fma(l21, l21, l22 * l22))),
-        best_x_(Float(0.0f) - l21 * reciprocal(l11)), limit_(reach * 1.001f + 0.001f) {}  // for rounding: nothing is lost
+      : l11_(l11),
+        l21_(l21),
+        l22_(l22),
+        best_y_(Float(0.0f) - l11 * l21 * reciprocal(fma(l21, l21, l22 * l22))),
+        best_x_(Float(0.0f) - l21 * reciprocal(l11)),
+        limit_(reach * 1.001f + 0.001f) {}  // for rounding: nothing is lost
 
-  // The smallest u^2 + w^2 over a rectangle lies on a side that faces the origin: on the vertical one, at the best y for
-  // its x, or on the horizontal one, at the best x for its y.
+  // The smallest u^2 + w^2 over a rectangle lies on a side that faces the origin: on the vertical one, at the best y
+  // for its x, or on the horizontal one, at the best x for its y.
   Mask touches(Float x_first, Float x_last, Float y_first, Float y_last) const {
     const Float zero(0.0f);
     const Float x_side = max(x_first, min(zero, x_last)), y_side = max(y_first, min(zero, y_last));

@@ -77,11 +77,11 @@ struct Frame {
   Buffer<std::uint64_t> order, order_other;  // seen Gaussians near to far: depth in the upper, index in the lower half
   std::vector<Buffer<std::uint32_t>> touched;  // per chunk: the tiles that its Gaussians touch, one after another
   Buffer<std::uint32_t> chunk_slots;  // each chunk's first slot
-  Buffer<std::uint32_t> slot_tiles;   // [slots] all chunks' touched tiles
-  Buffer<std::uint32_t> histogram;    // of digits while sorting, then of tiles, for each part of the order
-  Buffer<SplatGradient> gradients;    // [slots]
-  Buffer<float> feature_gradients;    // [slots, F]
-  Buffer<double> partial_sums;        // per tile or chunk
+  Buffer<std::uint32_t> slot_tiles;  // [slots] all chunks' touched tiles
+  Buffer<std::uint32_t> histogram;  // of digits while sorting, then of tiles, for each part of the order
+  Buffer<SplatGradient> gradients;  // [slots]
+  Buffer<float> feature_gradients;  // [slots, F]
+  Buffer<double> partial_sums;  // per tile or chunk
 
   int tiles() const { return tiles_x * tiles_y; }
   std::size_t chunks() const { return (count + kChunk - 1) / kChunk; }

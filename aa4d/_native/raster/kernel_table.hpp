@@ -15,11 +15,12 @@ inline void forward(const ForwardTile& tile) {
 }
 
 inline std::uint32_t backward(const BackwardTile& tile) {
-  return tile.depth || tile.list.feature_count || tile.absolute ? backward_tile<true>(tile) : backward_tile<false>(tile);
+  return tile.depth || tile.list.feature_count || tile.absolute ? backward_tile<true>(tile)
+                                                                : backward_tile<false>(tile);
 }
 
 inline constexpr Kernels kKernels = {
-    AA4D_ARCH_NAME, &project,     &touched_tiles,   &project_backward,    &forward,
+    AA4D_ARCH_NAME, &project,     &touched_tiles,      &project_backward,    &forward,
     &backward,      &count_pairs, &forward_arithmetic, &backward_arithmetic,
 };
 

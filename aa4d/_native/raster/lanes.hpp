@@ -1,5 +1,5 @@
-// Doubles for the projection, several Gaussians at a time: the vector types of GCC and Clang, as wide as the instruction
-// set's registers. Included by kernels_*.cpp alone, like simd.hpp.
+// Doubles for the projection, several Gaussians at a time: the vector types of GCC and Clang, as wide as the
+// instruction set's registers. Included by kernels_*.cpp alone, like simd.hpp.
 #pragma once
 
 #include <cstddef>
@@ -18,9 +18,7 @@ inline Doubles splat(double value) { return value - Doubles{}; }
 inline Doubles select(Longs mask, Doubles a, Doubles b) { return mask ? a : b; }
 inline Doubles larger(Doubles a, Doubles b) { return a > b ? a : b; }
 inline Doubles smaller(Doubles a, Doubles b) { return a < b ? a : b; }
-inline Doubles limit(Doubles value, double low, double high) {
-  return smaller(larger(value, splat(low)), splat(high));
-}
+inline Doubles limit(Doubles value, double low, double high) { return smaller(larger(value, splat(low)), splat(high)); }
 
 inline Doubles square_root(Doubles a) {
 #if defined(__AVX512F__)
@@ -53,7 +51,8 @@ inline Doubles log2_positive(Doubles a) {
   const Longs exponent = (bits - kSqrtHalf) >> 52;
   const Doubles mantissa = reinterpret_cast<Doubles>(bits - (exponent << 52));
   const Doubles s = (mantissa - 1) / (mantissa + 1), s2 = s * s;
-  const Doubles series = 1 + s2 * (1.0 / 3 + s2 * (1.0 / 5 + s2 * (1.0 / 7 + s2 * (1.0 / 9 + s2 * (1.0 / 11 + s2 / 13)))));
+  const Doubles series =
+      1 + s2 * (1.0 / 3 + s2 * (1.0 / 5 + s2 * (1.0 / 7 + s2 * (1.0 / 9 + s2 * (1.0 / 11 + s2 / 13)))));
   return __builtin_convertvector(exponent, Doubles) + 2.8853900817779268 * s * series;  // 2 / ln 2
 }
 

@@ -6,30 +6,30 @@
 
 namespace aa4d::raster::AA4D_ARCH {
 
-// alpha = o exp(-z.z / 2) = 2^(log2 o - u^2 - w^2), where (u, w) = sqrt(kWhitening) z and z is the pixel in the frame in
-// which the Gaussian is round.
-inline constexpr double kWhitening = 0.72134752044448170;    // 1 / (2 ln 2)
-inline constexpr double kUnwhitening = 1.3862943611198906;   // 2 ln 2
+// alpha = o exp(-z.z / 2) = 2^(log2 o - u^2 - w^2), where (u, w) = sqrt(kWhitening) z and z is the pixel in the frame
+// in which the Gaussian is round.
+inline constexpr double kWhitening = 0.72134752044448170;  // 1 / (2 ln 2)
+inline constexpr double kUnwhitening = 1.3862943611198906;  // 2 ln 2
 inline constexpr double kRootWhitening = 0.84932180028801904;
 
 // Everything between the inputs and the ellipse; the backward pass computes it again rather than store it.
 struct Projection {
-  Doubles mean[3], camera[3];        // the centre in the world and in the camera's frame
+  Doubles mean[3], camera[3];  // the centre in the world and in the camera's frame
   Doubles inverse_z;
-  Doubles slope_x, slope_y;          // x / z and y / z, clamped
-  Longs free_x, free_y;              // not clamped
+  Doubles slope_x, slope_y;  // x / z and y / z, clamped
+  Longs free_x, free_y;  // not clamped
   Doubles quaternion[4], inverse_norm;
-  Longs normalised;                  // long enough for a direction
+  Longs normalised;  // long enough for a direction
   Doubles rotation[3][3], scale[3];
-  Doubles A[2][3];                   // Jacobian of the perspective times world-to-camera rotation
-  Doubles B[2][3];                   // A times the Gaussian's rotation
-  Doubles V[2][3];                   // B times the scales: the covariance is V V^T + dilation
-  Doubles cross[3];                  // of V's rows
+  Doubles A[2][3];  // Jacobian of the perspective times world-to-camera rotation
+  Doubles B[2][3];  // A times the Gaussian's rotation
+  Doubles V[2][3];  // B times the scales: the covariance is V V^T + dilation
+  Doubles cross[3];  // of V's rows
   Doubles cov_xx, cov_xy, cov_yy, det;
-  Doubles l11, l21, l22;             // see Splat
+  Doubles l11, l21, l22;  // see Splat
   Doubles opacity, compensation;
-  Longs finite, visible;             // every input is finite; and it is in front of the camera and not too faint
-  Longs compensated;                 // compensation depends on the covariance
+  Longs finite, visible;  // every input is finite; and it is in front of the camera and not too faint
+  Longs compensated;  // compensation depends on the covariance
 
   void compute(const ProjectionRange& range, std::size_t begin) {
     const Scene& scene = *range.scene;
@@ -50,7 +50,8 @@ struct Projection {
     inverse_z = 1 / camera[2];
 
     // Outside the frustum and its margin the linearisation explodes; it is taken at the margin instead.
-    const double margin_x = kFrustumMargin * 0.5 * cam.width / cam.fx, margin_y = kFrustumMargin * 0.5 * cam.height / cam.fy;
+    const double margin_x = kFrustumMargin * 0.5 * cam.width / cam.fx,
+                 margin_y = kFrustumMargin * 0.5 * cam.height / cam.fy;
     const Doubles x_over_z = camera[0] * inverse_z, y_over_z = camera[1] * inverse_z;
     slope_x = limit(x_over_z, -(cam.cx / cam.fx + margin_x), (cam.width - cam.cx) / cam.fx + margin_x);
     slope_y = limit(y_over_z, -(cam.cy / cam.fy + margin_y), (cam.height - cam.cy) / cam.fy + margin_y);
@@ -131,7 +132,8 @@ struct TileSpan {
 
   TileSpan(Doubles center, Doubles half, int pixels) {
     constexpr double kSlack = 0.01;  // px, for the rounding of the blending's own test
-    const Doubles low = larger(center - half - kSlack, splat(0.5)), high = smaller(center + half + kSlack, splat(pixels - 0.5));
+    const Doubles low = larger(center - half - kSlack, splat(0.5)),
+                  high = smaller(center + half + kSlack, splat(pixels - 0.5));
     const Longs empty = low > high;
     begin = select(empty, splat(0), round_down((low - 0.5) * (1.0 / kTileSize)));
     end = select(empty, splat(0), round_down((high - 0.5) * (1.0 / kTileSize)) + 1);
@@ -160,7 +162,8 @@ inline bool project(const ProjectionRange& range, Frame& frame, std::int32_t* ra
     const Doubles log2_opacity = log2_positive(select(p.visible, p.opacity * p.compensation, splat(1)));
     const Doubles reach = log2_opacity - log2_min_alpha;
     const Doubles reach2 = kUnwhitening * reach;  // d^T cov^-1 d at the cut-off
-    const TileSpan columns(x, square_root(reach2 * p.cov_xx), cam.width), rows(y, square_root(reach2 * p.cov_yy), cam.height);
+    const TileSpan columns(x, square_root(reach2 * p.cov_xx), cam.width),
+        rows(y, square_root(reach2 * p.cov_yy), cam.height);
     const Doubles middle = 0.5 * (p.cov_xx + p.cov_yy), difference = 0.5 * (p.cov_xx - p.cov_yy);
     const Doubles largest = middle + square_root(difference * difference + p.cov_xy * p.cov_xy);
     const Doubles radius = smaller(square_root(reach2 * largest), splat(1e9));

@@ -25,7 +25,8 @@ struct SplatSums {
         for (int k = 0; k < kFields; ++k) sums[i][k] += fields[k];
       }
     }
-    Doubles* const fields[] = {color, color + 1, color + 2, &v, &vu, &vw, &vuu, &vuw, &vww, &depth, &absolute_vu, &absolute_vy};
+    Doubles* const fields[] = {color, color + 1, color + 2, &v,     &vu,          &vw,
+                               &vuu,  &vuw,      &vww,      &depth, &absolute_vu, &absolute_vy};
     for (std::size_t k = 0; k < sizeof fields / sizeof *fields; ++k) {
       for (int i = 0; i < kLanes; ++i) (*fields[k])[i] = sums[i][k];
     }
@@ -110,9 +111,11 @@ struct ProjectionGradient {
     const auto& [w, x, y, z] = p.quaternion;
     const Doubles g[4] = {
         2 * (x * (d[2][1] - d[1][2]) + y * (d[0][2] - d[2][0]) + z * (d[1][0] - d[0][1])),
-        2 * (-2 * x * (d[1][1] + d[2][2]) + y * (d[0][1] + d[1][0]) + z * (d[0][2] + d[2][0]) + w * (d[2][1] - d[1][2])),
+        2 * (-2 * x * (d[1][1] + d[2][2]) + y * (d[0][1] + d[1][0]) + z * (d[0][2] + d[2][0]) +
+             w * (d[2][1] - d[1][2])),
         2 * (x * (d[0][1] + d[1][0]) - 2 * y * (d[0][0] + d[2][2]) + z * (d[1][2] + d[2][1]) + w * (d[0][2] - d[2][0])),
-        2 * (x * (d[0][2] + d[2][0]) + y * (d[1][2] + d[2][1]) - 2 * z * (d[0][0] + d[1][1]) + w * (d[1][0] - d[0][1]))};
+        2 * (x * (d[0][2] + d[2][0]) + y * (d[1][2] + d[2][1]) - 2 * z * (d[0][0] + d[1][1]) +
+             w * (d[1][0] - d[0][1]))};
     const Doubles zero{}, along = select(p.normalised, g[0] * w + g[1] * x + g[2] * y + g[3] * z, zero);
     for (int i = 0; i < 4; ++i) quaternion[i] = (g[i] - along * p.quaternion[i]) * p.inverse_norm;
   }

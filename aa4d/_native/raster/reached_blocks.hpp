@@ -19,7 +19,8 @@ struct RowEnds {
 };
 inline constexpr RowEnds kRowEnds;
 
-// One bit for each block, row by row, of the tile whose first pixel is (x, y): no pixel of the others passes the cut-off.
+// One bit for each block, row by row, of the tile whose first pixel is (x, y): no pixel of the others passes the
+// cut-off.
 //
 // An ellipse is convex, so what a band of rows holds of it spans an interval of columns, and it touches exactly the
 // blocks on that interval. The end on the side s = 1 or -1 lies at the ellipse's own rightmost or leftmost point, or on
@@ -42,7 +43,8 @@ inline std::uint64_t reached_blocks(const Splat& splat, int x, int y) {
   for (int i = 0; i < 16; i += Float::kWidth) {
     const Float side = Float::load(kRowEnds.side + i);
     const Float top = Float::load(kRowEnds.top + i) - center_y;
-    const Float low = max(top - Float(kSlack), Float(-tip)), high = min(top + Float(kBlockSize - 1 + kSlack), Float(tip));
+    const Float low = max(top - Float(kSlack), Float(-tip)),
+                high = min(top + Float(kBlockSize - 1 + kSlack), Float(tip));
     const Float at = min(max(side * Float(widest), low), high), w = c_lanes * at;
     const Float half = square_root(max(fnma(w, w, reach_lanes), zero));
     const Float column = fma(fma(side, half, steepness * at), inverse_a, center_x);

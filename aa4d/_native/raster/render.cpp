@@ -6,10 +6,10 @@
 #include <numeric>
 #include <stdexcept>
 
-#include "raster/binning.hpp"
 #include "common/instruction_set.hpp"
-#include "raster/kernels.hpp"
 #include "common/thread_pool.hpp"
+#include "raster/binning.hpp"
+#include "raster/kernels.hpp"
 
 namespace aa4d::raster {
 namespace {
@@ -19,8 +19,8 @@ struct alignas(64) Plane {
   float pixel[kTilePixels];
 };
 
-// One value for each pixel of a row of a tile, from left to right. Loops over a row run to its end, even where the image
-// ends before: a loop of known length is the one that compilers turn into vectors.
+// One value for each pixel of a row of a tile, from left to right. Loops over a row run to its end, even where the
+// image ends before: a loop of known length is the one that compilers turn into vectors.
 struct alignas(64) Row {
   float pixel[kTileSize];
 };
@@ -48,8 +48,10 @@ struct TileWindow {
   int x, y, width, height;
 
   TileWindow(const Frame& frame, std::size_t tile)
-      : x(static_cast<int>(tile % frame.tiles_x) * kTileSize), y(static_cast<int>(tile / frame.tiles_x) * kTileSize),
-        width(std::min(kTileSize, frame.camera.width - x)), height(std::min(kTileSize, frame.camera.height - y)) {}
+      : x(static_cast<int>(tile % frame.tiles_x) * kTileSize),
+        y(static_cast<int>(tile / frame.tiles_x) * kTileSize),
+        width(std::min(kTileSize, frame.camera.width - x)),
+        height(std::min(kTileSize, frame.camera.height - y)) {}
 
   // Of a row's first pixel in a row-major image.
   std::size_t place(const Frame& frame, int row) const {
@@ -257,8 +259,7 @@ FramePtr render(const Scene& scene, const CameraModel& camera, const Settings& s
   frame->transmittance.resize_discarding(tiles * kTilePixels);
   frame->pixel_end.resize_discarding(tiles * kTilePixels);
   if (image.depth) frame->weight.resize_discarding(tiles * kTilePixels);
-  parallel_for(settings.threads, tiles,
-               [&](std::size_t tile) { draw_tile(scene, settings, *frame, tile, image); });
+  parallel_for(settings.threads, tiles, [&](std::size_t tile) { draw_tile(scene, settings, *frame, tile, image); });
   return frame;
 }
 

@@ -1,4 +1,5 @@
-// What the caller passes in and gets back, as plain arrays. Pixel (column i, row j) has its centre at (i + 0.5, j + 0.5).
+// What the caller passes in and gets back, as plain arrays. Pixel (column i, row j) has its centre at (i + 0.5, j +
+// 0.5).
 #pragma once
 
 #include <cstddef>

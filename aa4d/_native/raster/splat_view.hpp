@@ -1,4 +1,5 @@
-// A splat as the pixels of one tile see it: what the blending of a pair reads, in single precision and in one cache line.
+// A splat as the pixels of one tile see it: what the blending of a pair reads, in single precision and in one cache
+// line.
 #pragma once
 
 #include "raster/grid.hpp"

@@ -17,7 +17,8 @@ inline std::uint32_t touched_tiles(const Splat& splat, const CameraModel& camera
   const Ellipse ellipse(Float(static_cast<float>(splat.l11)), Float(static_cast<float>(splat.l21)),
                         Float(static_cast<float>(splat.l22)), splat.reach);
   const Float extent(kTileSize - 1.0f), corner_x(static_cast<float>(dx)), corner_y(static_cast<float>(dy));
-  const Float x_end(static_cast<float>(camera.width - 0.5 - splat.x)), y_end(static_cast<float>(camera.height - 0.5 - splat.y));
+  const Float x_end(static_cast<float>(camera.width - 0.5 - splat.x)),
+      y_end(static_cast<float>(camera.height - 0.5 - splat.y));
   std::uint32_t result = 0;
   for (int i = 0; i < kGroupTiles; i += Float::kWidth) {
     const Float x = Float::load(kGrid.tile_x + i) + corner_x, y = Float::load(kGrid.tile_y + i) + corner_y;
