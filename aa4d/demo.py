@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 
+from aa4d import __version__
 from aa4d.blender import run_forwarding_interrupts, run_in_blender, script
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.identity import digest_of, digest_of_file
 from aa4d.model_file import copy_model
 from aa4d.report import write_report
 from aa4d.training.config import TrainingConfig
@@ -32,24 +34,37 @@ MakeStepProgress = Callable[[str], AbstractContextManager[Callable[[int, int], N
 
 @dataclass(frozen=True)
 class Stage:
-    """A step whose outputs are files; it is done when they exist and its inputs are those that they were made from."""
+    """A step that makes artefacts: files, and folders that are captures.
+
+    It is done when its outputs are those that it made, from the inputs and settings that it has now.
+    """
 
     name: str
     says: str
     inputs: tuple[Path, ...]
     outputs: tuple[Path, ...]
     run: Callable[[], None]
+    settings: Any = None  # of JSON
 
     def inputs_digest(self) -> str:
-        digest = hashlib.sha256()
-        for path in self.inputs:
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
-        return digest.hexdigest()
+        return digest_of([__version__, self.settings, [digest_of_artefact(path) for path in self.inputs]])
+
+    def outputs_digest(self) -> str | None:
+        """None where one of them is not there."""
+        try:
+            return digest_of([digest_of_artefact(path) for path in self.outputs])
+        except (InputError, OSError):
+            return None
 
     def is_done(self, record: Record) -> bool:
-        if self.name not in record.done or not all(path.exists() for path in self.outputs):
-            return False
-        return record.done[self.name]["inputs"] == self.inputs_digest()
+        done = record.done.get(self.name, {})
+        there = self.outputs_digest()
+        return there is not None and (done.get("inputs"), done.get("outputs")) == (self.inputs_digest(), there)
+
+
+def digest_of_artefact(path: Path) -> str:
+    """The identity of a capture where `path` is a folder, of its bytes where it is a file."""
+    return read_capture(path).identity.digest() if path.is_dir() else digest_of_file(path)
 
 
 def run_demo(
@@ -147,18 +162,35 @@ def stages(
         )
 
     compares = config.motion is not None
-    index, paper_model = capture / "capture.json", paper / "model.safetensors"
-    comparison = Stage("paper", "the paper's model, for comparison", (index,), (paper_model,), fit_paper)
+    paper_model, settings = paper / "model.safetensors", asdict(config)
+    comparison = Stage("paper", "the paper's model, for comparison", (capture,), (paper_model,), fit_paper, settings)
     models = (model, paper_model) if compares else (model,)
+    rendered = (scene, *files_named_in(scene), *sorted(script("synth").rglob("*.py")))
     return [
-        Stage("synthesis", f"Blender renders {scene}", (scene,), (index,), synthesise),
-        Stage("training", "coarse, then fine stage", (index,), (model,), fit),
+        Stage("synthesis", f"Blender renders {scene}", rendered, (capture,), synthesise),
+        Stage("training", "coarse, then fine stage", (capture,), (model,), fit, settings),
         *([comparison] if compares else []),
-        Stage("evaluation", "held-out frames against truth", models, (metrics,), score),
+        Stage("evaluation", "held-out frames against truth", (*models, capture), (metrics,), score),
         Stage("extension", "packaging the Blender extension", addon, (extension,), package),
         Stage("blend", "Blender imports the model and renders a frame", (model, extension), (blend, picture), show),
-        Stage("report", "pictures and tables", (metrics, picture), (out / "report.html",), report),
+        Stage("report", "pictures and tables", (capture, metrics, picture), (out / "report.html",), report),
     ]
+
+
+def files_named_in(scene: Path) -> tuple[Path, ...]:
+    """Tables of tracks and models that a scene file names. One that cannot be read names none: synth will refuse it."""
+
+    def texts(value: Any) -> Iterator[str]:
+        if isinstance(value, str):
+            yield value
+        for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+            yield from texts(inner)
+
+    try:
+        table = tomllib.loads(scene.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        return ()
+    return tuple(sorted(path for text in texts(table) if text and (path := scene.parent / text).is_file()))
 
 
 def summarise(metrics: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:
@@ -198,7 +230,7 @@ class Record:
     def running(self, stage: Stage) -> Iterator[None]:
         started = time.perf_counter()
         before = self._stopped.pop(stage.name, 0.0)
-        self.done.pop(stage.name, None)
+        was_done, there = self.done.pop(stage.name, None), stage.outputs_digest()
         finished = False
         try:
             yield
@@ -206,7 +238,10 @@ class Record:
         finally:
             seconds = before + time.perf_counter() - started
             if finished:
-                self.done[stage.name] = {"seconds": seconds, "inputs": stage.inputs_digest()}
+                made = stage.outputs_digest()
+                if was_done is not None and made == there:  # looked at, and left as it was
+                    seconds = was_done["seconds"]
+                self.done[stage.name] = {"seconds": seconds, "inputs": stage.inputs_digest(), "outputs": made}
             else:
                 self._stopped[stage.name] = seconds
             write_json(self._path, {"done": self.done, "stopped": self._stopped})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import struct
@@ -22,6 +23,7 @@ from aa4d.errors import InputError
 from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.field.warping import CoordinateWarp
 from aa4d.files import whole_file
+from aa4d.identity import Identity, digest_of, identity_of
 from aa4d.model import AdaAnchor4D, ModelConfig, blank_model
 from aa4d.motion.groups import Groups, blank_groups
 from aa4d.motion.spline import FEWEST_CONTROLS
@@ -41,7 +43,8 @@ class LoadedModel:
     is_static: bool  # the coarse stage: the canonical anchors hold at every time
     background: tuple[float, float, float]
     training_seconds: float
-    capture_fingerprint: str | None
+    identity: Identity  # of what the file holds now
+    capture_fingerprint: str | None  # of the capture, in files of older versions
     capture_folder: Path | None
     fps: float
     camera: PinholeCamera
@@ -75,6 +78,7 @@ def save_model(
     frame: ModelFrame,
     background: tuple[float, float, float],
     training: dict[str, Any],
+    run: Identity | None = None,
 ) -> None:
     c = model.config
     groups = model.groups
@@ -105,7 +109,20 @@ def save_model(
     if groups is not None:
         header["groups"] = [{"name": name} for name in groups.names]
     tensors = {file_name_of(name): as_in_file(name, value).contiguous() for name, value in model.state_dict().items()}
+    made_from = {"capture": capture.identity.digest()} | ({} if run is None else {"run": run.digest()})
+    header["identity"] = Identity("model", content_of(header, tensors), made_from).as_json()
     _write(path, tensors, header)
+
+
+def content_of(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
+    """The digest of a model's content: everything but how, where and from what it was made."""
+    held = {key: value for key, value in header.items() if key not in ("identity", "generator", "capture", "training")}
+    return digest_of({"header": held, "tensors": {name: _digest_of_tensor(value) for name, value in tensors.items()}})
+
+
+def _digest_of_tensor(value: Tensor) -> str:
+    array = value.detach().cpu().contiguous().numpy()
+    return hashlib.sha256(f"{array.dtype.str} {array.shape}".encode() + array.tobytes()).hexdigest()
 
 
 def copy_model(source: Path, target: Path) -> None:
@@ -145,6 +162,7 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),
             training_seconds=float(header["training"]["seconds"]),
+            identity=_identity(header, tensors),
             capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
             fps=number_of(header, "fps", path),
@@ -153,6 +171,11 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: the header is damaged ({error!r}); copy or train it again") from None
+
+
+def _identity(header: dict[str, Any], tensors: dict[str, Tensor]) -> Identity:
+    written = identity_of(header.get("identity"))
+    return Identity("model", content_of(header, tensors), {} if written is None else written.made_from)
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:

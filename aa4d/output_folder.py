@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
 from aa4d.errors import InputError
 from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.identity import Identity, digest_of, digest_of_file, identity_of
+from aa4d.model_file import LoadedModel
 
 
 def claim_folder(out: Path, index_name: str, wanted: dict[str, Any], what: str) -> dict[str, Any]:
     """The index of what `out` holds, written first: a folder is new, empty, or this very output.
 
     Args:
-        wanted: everything that the files depend on; further keys of an index that is there are its own.
-        what: "render", for messages.
+        wanted: everything that the files depend on; further keys of an index that is there are its own. Where it has
+            an "identity" and so has the index, the two alone are compared.
+        what: "a render", for messages.
 
     Raises:
         InputError: `out` holds something else.
@@ -23,7 +25,11 @@ def claim_folder(out: Path, index_name: str, wanted: dict[str, Any], what: str) 
     path = out / index_name
     if path.exists():
         found = read_json_object(path, f"the index of {what}")
-        if any(found.get(key) != value for key, value in wanted.items()):
+        if "identity" in wanted and identity_of(found.get("identity")) is not None:
+            keys = ["identity"]
+        else:  # of an older version
+            keys = [key for key in wanted if key != "identity"]
+        if any(found.get(key) != wanted[key] for key in keys):
             raise InputError(f"{out}: holds {what} with other settings; choose another --out, or delete that folder")
         return found
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -33,5 +39,7 @@ def claim_folder(out: Path, index_name: str, wanted: dict[str, Any], what: str) 
     return dict(wanted)
 
 
-def digest_of(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def index_of(kind: str, loaded: LoadedModel, settings: dict[str, Any]) -> dict[str, Any]:
+    """The index of files that are made from a model: the settings, and the identity that follows from them."""
+    identity = Identity(kind, digest_of(settings), {"model": loaded.identity.digest()})
+    return {**settings, "model_sha256": digest_of_file(loaded.path), "identity": identity.as_json()}

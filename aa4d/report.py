@@ -14,10 +14,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from aa4d import __version__
 from aa4d.capture.reader import Capture, moving_mask, read_image
 from aa4d.errors import InputError
 from aa4d.evaluation.plots import psnr_figure
 from aa4d.files import read_json_object, write_text
+from aa4d.identity import Identity, digest_of, identity_of
 
 PICTURED_FRAMES = 3
 ERROR_GAIN = 4  # an error of a quarter of the range is the top of the colour scale
@@ -43,6 +45,11 @@ def write_report(
     """
     if "training_frames" not in metrics:
         raise InputError(f"{path.parent}: metrics.json was written by an older aa4d; delete it and run again")
+    of_paper = None if paper is None else read_json_object(paper / "metrics.json", "the metrics of an evaluation")
+    sources = {"evaluation": metrics} | ({} if of_paper is None else {"paper": of_paper})
+    made_from = {name: _evaluation_of(capture, path, values).digest() for name, values in sources.items()}
+    made_from["capture"] = capture.identity.digest()
+    identity = Identity("report", digest_of({"version": __version__}), made_from)
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
@@ -50,7 +57,8 @@ def write_report(
         name=capture.name,
         frames=[_row(capture, run, paper, score) for score in spread(metrics["frames"], PICTURED_FRAMES)],
         metrics=metrics,
-        paper=None if paper is None else read_json_object(paper / "metrics.json", "the metrics of an evaluation"),
+        paper=of_paper,
+        identity=identity.as_text(),
         seconds=seconds,
         total=sum(seconds.values()),
         plot=_svg(psnr_figure(metrics)),
@@ -59,6 +67,13 @@ def write_report(
         gain=ERROR_GAIN,
     )
     write_text(path, html)
+
+
+def _evaluation_of(capture: Capture, path: Path, metrics: dict[str, Any]) -> Identity:
+    identity = identity_of(metrics.get("identity"))
+    if identity is None or identity.made_from.get("capture") != capture.identity.digest():
+        raise InputError(f"{path}: the metrics are not of {capture.folder} as it is now; run `aa4d eval` again")
+    return identity
 
 
 def spread(frames: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:

@@ -27,18 +27,21 @@ class Costs:
     def stage(self, name: str, frame: str | None = None) -> Iterator[None]:
         """Time what runs inside; with a frame's name also under that frame."""
         start = time.perf_counter()
-        yield
-        seconds = time.perf_counter() - start
-        self.stages[name] = round(self.stages.get(name, 0.0) + seconds, 4)
-        if frame is not None:
-            self.frames.setdefault(frame, {})[name] = round(seconds, 4)
+        try:
+            yield
+            if frame is not None:  # one that is interrupted is made again
+                self.frames.setdefault(frame, {})[name] = round(time.perf_counter() - start, 4)
+        finally:
+            self.stages[name] = round(self.stages.get(name, 0.0) + time.perf_counter() - start, 4)
 
     @contextmanager
     def effect(self, name: str) -> Iterator[None]:
         """Time what an effect does inside a stage."""
         start = time.perf_counter()
-        yield
-        self.effects[name] = round(self.effects.get(name, 0.0) + time.perf_counter() - start, 4)
+        try:
+            yield
+        finally:
+            self.effects[name] = round(self.effects.get(name, 0.0) + time.perf_counter() - start, 4)
 
     def add(self, document: dict[str, Any]) -> None:
         """Take in what another process measured (its `document`)."""

@@ -116,9 +116,13 @@ def run(scene_path: Path, out: Path, workers: int) -> None:
     missing = [frame for frame in plan.frames if not folder.complete(frame)]
     if 0 < len(missing) < len(plan.frames):
         print(f"{len(plan.frames) - len(missing)} of {len(plan.frames)} frames are there; rendering the others")
-    if missing:
-        film_missing(plan, folder, missing, costs, scene_path, workers)
-    export(plan, folder, {**plan_document["generator"], "scene": scene_path.name, "seed": scene.seed}, costs)
+    try:
+        if missing:
+            film_missing(plan, folder, missing, costs, scene_path, workers)
+        export(plan, folder, plan_document, scene_path.name, costs)
+    except KeyboardInterrupt:
+        costs.save()
+        raise
     for name in (INDEX, "frames/", "truth/", "points.ply", "transforms.json", "sparse/0/", "cost.json"):
         print(f"{out}/{name}")
 
@@ -160,8 +164,10 @@ def work(scene_path: Path, out: Path, ranks: list[int]) -> None:
     from synth.workers import say_advance, say_costs
 
     folder, costs = folder_of(plan, out), Costs(None)
-    film(plan, folder, [plan.frames[rank] for rank in ranks], costs, say_advance)
-    say_costs(costs)
+    try:
+        film(plan, folder, [plan.frames[rank] for rank in ranks], costs, say_advance)
+    finally:
+        say_costs(costs)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ sys.path[:] = [str(HOME.parent), *(entry for entry in sys.path if Path(entry).re
 from synth.develop import read_png  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.files import write_json  # noqa: E402
+from synth.identity import capture_identity  # noqa: E402
 from synth.truth.activity import INTERMITTENT, PERSISTENT, UNSEEN  # noqa: E402
 from synth.truth.boxes import corners, projected, visible  # noqa: E402
 from synth.truth.flow import flow  # noqa: E402
@@ -77,6 +78,15 @@ def check_files(recording: Recording) -> Row:
         path = root / name
         wrong.append(not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != expected)
     return faults("file hashes", wrong)
+
+
+def check_identity(recording: Recording) -> Row:
+    """The identity in capture.json is that of the index and of checksums.json; captures of older versions have none."""
+    index = recording.index
+    written = index.get("identity")
+    if written is None:
+        return faults("identity", [])
+    return faults("identity", [capture_identity(index, recording.checksums(), written["made_from"]) != written])
 
 
 def check_frames(recording: Recording) -> Iterator[Row]:
@@ -288,7 +298,13 @@ def verify(root: Path, advance: Callable[[], None] = lambda: None) -> list[Row]:
         InputError: it is not a capture with truth, or a file cannot be read.
     """
     recording = Recording(root)
-    rows = [check_files(recording), check_images(recording), *check_frames(recording), *check_arrays(recording)]
+    rows = [
+        check_files(recording),
+        check_identity(recording),
+        check_images(recording),
+        *check_frames(recording),
+        *check_arrays(recording),
+    ]
     rows += [*check_reprojection(recording, advance), *check_flow(recording, advance), *check_instances(recording)]
     rows += [*check_boxes(recording), *check_activity(recording), *check_rows(recording), check_points(recording)]
     return rows

@@ -78,8 +78,13 @@ def film_in_workers(
                 costs.save()
     except KeyboardInterrupt:
         _interrupt(running)
-        for process in running:
-            process.wait()
+        while running:
+            process, line = said.get()
+            if line is None:
+                process.wait()
+                running.remove(process)
+            elif line.startswith(COSTS):
+                costs.add(json.loads(line.removeprefix(COSTS)))
         raise
     if failure is not None:
         raise failure

@@ -11,7 +11,7 @@ from aa4d.capture.reader import BOXES, Boxes
 from aa4d.capture.selfcheck import ReprojectionError, SelfCheck, check_capture
 from aa4d.capture.undistortion import Pictures
 from aa4d.capture.workspace import Progress, Step, StepResult, Workspace
-from aa4d.capture.writing import digests_of, publish, write_capture
+from aa4d.capture.writing import digests_of_written, publish, write_capture
 
 NAME = "capture"
 
@@ -35,6 +35,7 @@ def capture_step(
     pictures: Pictures,
     boxes: Boxes | None,
     generator: dict[str, Any],
+    made_from: dict[str, str],
     altitude_m: float | None,
 ) -> Step[Published]:
     """Make the capture `out` of the input `path`; `generator` is what its index says of how it was made."""
@@ -42,9 +43,8 @@ def capture_step(
     def run(folder: Path, progress: Progress) -> Published:
         progress(0, 2)
         name = path.stem if path.is_file() else path.resolve().name
-        write_capture(
-            folder, name, pictures.folder, placement.pinhole, placement.shots, placement.cloud, generator, boxes
-        )
+        p = placement
+        write_capture(folder, name, pictures.folder, p.pinhole, p.shots, p.cloud, generator, boxes, made_from)
         progress(1, 2)
         check = check_capture(folder, placement.observations(), placement.shrinkage)
         files = publish(folder, out)
@@ -59,7 +59,7 @@ def forget_damaged(out: Path, workspace: Workspace) -> None:
     written = workspace.earlier(NAME, Published)
     if written is None:
         return
-    found = digests_of(out)
+    found = digests_of_written(out)
     damaged = [name for name, digest in written.files.items() if found.get(name) != digest]
     if damaged:
         workspace.forget(NAME)

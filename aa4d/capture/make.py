@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
+from aa4d import __version__
 from aa4d.capture.advice import Advice, advice, field_of_view_advice
 from aa4d.capture.assembly import Published, capture_step, forget_damaged
 from aa4d.capture.clip import Clip
@@ -28,6 +29,7 @@ from aa4d.capture.undistortion import pictures_step
 from aa4d.capture.workspace import DiskFullError, Progress, Workspace
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import LOCK, claimed, make_folder, read_json_object, write_json
+from aa4d.identity import digest_of
 
 RECORD = "work/input.json"
 
@@ -133,7 +135,10 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         "movers": settings.movers if masks is None else masking_method(source.annotations),
         "notes": notes,
     }
-    published = workspace.run(capture_step(path, out, placement, pictures, boxes, generator, settings.altitude_m))
+    made_from = _made_from(source, settings)
+    published = workspace.run(
+        capture_step(path, out, placement, pictures, boxes, generator, made_from, settings.altitude_m)
+    )
     pinhole, error_px = placement.pinhole, published.check.reprojection_px.median
     fov_deg = 2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0])))
     summary = CaptureSummary(
@@ -159,6 +164,14 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     seconds = summary.seconds
     write_json(out / "cost.json", {"seconds": sum(seconds.values()), "stages": seconds, "frames": []})
     return summary
+
+
+def _made_from(source: Source, settings: CaptureSettings) -> dict[str, str]:
+    """The footage by names and sizes of its files, which tell a part of a clip from the whole of it; their pictures are
+    in the capture itself. The number of threads belongs to the machine."""
+    files = sorted((file.name, file.stat().st_size) for file in source.files)
+    chosen = {"version": __version__, **asdict(replace(settings, threads=1))}
+    return {"footage": digest_of(files), "settings": digest_of(chosen)}
 
 
 def _spacing(source: Source, settings: CaptureSettings, workspace: Workspace) -> Spacing | None:

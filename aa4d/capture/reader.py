@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from plyfile import PlyData
 
+from aa4d.capture.content import capture_identity
 from aa4d.errors import InputError
 from aa4d.files import read_json_object
+from aa4d.identity import Identity
 
 CAPTURE_VERSION = 1
 FARTHEST_M = 10_000.0  # beyond, float32 in renderers and viewers loses what a pixel shows
@@ -64,7 +66,7 @@ class Frame:
 class Capture:
     folder: Path
     name: str
-    fingerprint: str  # of capture.json: tells one capture from another, and a re-rendered one from the first
+    identity: Identity  # of everything that the folder holds
     fps: float
     camera: PinholeCamera
     frames: tuple[Frame, ...]
@@ -72,6 +74,7 @@ class Capture:
     point_colors: NDArray[np.uint8]  # [P, 3] sRGB
     tracks: str | None
     instance_names: dict[int, str] = field(default_factory=dict)  # by id; empty where the capture names none
+    fingerprint: str | None = None  # of capture.json alone, by which runs of older versions know their capture
 
     def of_split(self, split: str) -> list[int]:
         return [i for i, frame in enumerate(self.frames) if frame.split == split]
@@ -120,7 +123,7 @@ def read_capture(folder: Path) -> Capture:
     return Capture(
         folder=folder,
         name=str(document.get("name", folder.name)),
-        fingerprint=hashlib.sha256(index.read_bytes()).hexdigest()[:16],
+        identity=capture_identity(folder, document),
         fps=fps,
         camera=camera,
         frames=frames,
@@ -128,6 +131,7 @@ def read_capture(folder: Path) -> Capture:
         point_colors=colors,
         tracks=None if tracks is None else _inside(tracks, "tracks", index),
         instance_names=_instance_names(document.get("instances")),
+        fingerprint=hashlib.sha256(index.read_bytes()).hexdigest()[:16],
     )
 
 

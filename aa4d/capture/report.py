@@ -13,15 +13,17 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 from PIL import Image
 
+from aa4d import __version__
 from aa4d.capture.clip import Clip
 from aa4d.capture.mapping import Cameras
 from aa4d.capture.matching import Matches
 from aa4d.capture.placement import Placement
-from aa4d.capture.reader import PinholeCamera
+from aa4d.capture.reader import PinholeCamera, read_capture
 from aa4d.capture.selfcheck import SelfCheck
 from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.writing import Cloud, Shot
 from aa4d.files import write_text
+from aa4d.identity import Identity, digest_of
 
 SHOWN_POINTS = 20_000
 PICTURED_FRAMES = 4
@@ -40,9 +42,11 @@ def write_report(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
     shots, pinhole = placement.shots, placement.pinhole
+    capture = read_capture(made.folder).identity
     centres = np.array([-s.viewmat[:3, :3].T @ s.viewmat[:3, 3] for s in shots])
     right, down, ahead = (np.array([s.viewmat[axis, :3] for s in shots]) for axis in range(3))
     html = environment.get_template("report.html.jinja").render(
+        identity=Identity("report", digest_of({"version": __version__}), {"capture": capture.digest()}).as_text(),
         made=made,
         clip=clip,
         cameras=cameras,

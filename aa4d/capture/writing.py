@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 from dataclasses import dataclass
@@ -14,12 +13,15 @@ from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
 from aa4d import __version__
+from aa4d.capture.content import CHECKSUMS, content_of, digests_of
 from aa4d.capture.reader import BOXES, CAPTURE_VERSION, FARTHEST_M, Boxes, PinholeCamera
 from aa4d.files import whole_file, write_json, write_text
+from aa4d.identity import Identity, digest_of_file
 
+INDEX = "capture.json"
 HELD_OUT_EVERY = 8
 OPENCV_TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-PARTS = ("frames", "movers", "points.ply", "transforms.json", "sparse", "capture.json")  # the index comes last
+WRITTEN = ("frames", "movers", "points.ply", "transforms.json", "sparse", CHECKSUMS, INDEX)  # the index comes last
 Floats = NDArray[np.float64]
 
 
@@ -49,6 +51,7 @@ def write_capture(
     cloud: Cloud,
     generator: dict[str, Any],
     boxes: Boxes | None = None,
+    made_from: dict[str, str] | None = None,
 ) -> None:
     """Fill `out` from the undistorted `pictures` (NAME.png, and NAME.mask.png where there are masks)."""
     for kind, suffix in (("frames", ".png"), ("movers", ".mask.png")):
@@ -77,6 +80,7 @@ def write_capture(
         "camera": camera.as_json(),
         "points": "points.ply",
         "tracks": None,
+        "checksums": CHECKSUMS,
         "frames": [
             {
                 "name": shot.name,
@@ -92,14 +96,17 @@ def write_capture(
         ],
         "instances": [],
     }
-    write_json(out / "capture.json", document)
+    files = digests_of(out)
+    write_json(out / CHECKSUMS, files)
+    identity = Identity("capture", content_of(document, files), made_from or {})
+    write_json(out / INDEX, document | {"identity": identity.as_json()})
 
 
 def publish(made: Path, out: Path) -> dict[str, str]:
     """Move a capture that is whole into `out`, over the one that is there; returns its files' digests."""
-    digests = digests_of(made)
-    _remove(out / "capture.json")
-    for part in PARTS:
+    digests = digests_of_written(made)
+    _remove(out / INDEX)
+    for part in WRITTEN:
         _remove(out / part)
         if (made / part).exists():
             (made / part).replace(out / part)
@@ -107,15 +114,10 @@ def publish(made: Path, out: Path) -> dict[str, str]:
     return digests
 
 
-def digests_of(folder: Path) -> dict[str, str]:
-    """Of all files of the capture in `folder`."""
-    paths = [p for part in PARTS for p in (folder / part, *(folder / part).rglob("*")) if p.is_file()]
-    return {p.relative_to(folder).as_posix(): _digest(p) for p in paths}
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def digests_of_written(folder: Path) -> dict[str, str]:
+    """SHA-256 of all files of the capture in `folder`, the index too; of those that are there."""
+    others = (folder / name for name in (CHECKSUMS, INDEX))
+    return digests_of(folder) | {path.name: digest_of_file(path) for path in others if path.is_file()}
 
 
 def _remove(path: Path) -> None:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from aa4d import __version__
+from aa4d.capture.content import check_content
 from aa4d.capture.reader import Capture, moving_mask, read_capture, read_image
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError
@@ -27,6 +29,7 @@ from aa4d.evaluation.plots import plot_psnr
 from aa4d.evaluation.speed import TIMED_FRAMES, WARM_UP_FRAMES, measure_speed, neural_mib
 from aa4d.evaluation.views import render_frame
 from aa4d.files import make_folder, whole_file, write_json
+from aa4d.identity import Identity, digest_of
 from aa4d.model_file import LoadedModel, load_model
 from aa4d.motion.score import score_tracks
 from aa4d.motion.tracks_file import load_tracks, tracks_path
@@ -100,10 +103,11 @@ class Metrics:
     total_mib: float  # the model file
     frames: tuple[FrameScore, ...]
     training_frames: tuple[TrainingFrameScore, ...]
+    identity: Identity
 
     def as_json(self) -> dict[str, Any]:
         values = asdict(self)
-        return values | values.pop("motion")
+        return values | values.pop("motion") | {"identity": self.identity.as_json()}
 
 
 def evaluate(
@@ -130,6 +134,7 @@ def evaluate(
     loaded = load_model(run / "model.safetensors", chosen)
     static = load_model(run / "coarse.safetensors", chosen) if (run / "coarse.safetensors").exists() else None
     capture = capture_of(loaded, capture_folder)
+    check_content(capture.folder)
     held_out = capture.of_split("test")
     if not held_out:
         raise InputError(f'{capture.folder}: has no held-out frame (split "test"), so there is nothing to evaluate on')
@@ -199,10 +204,18 @@ def evaluate(
         total_mib=loaded.path.stat().st_size / 2**20,
         frames=tuple(scores),
         training_frames=tuple(training_scores),
+        identity=evaluation_identity(loaded, capture, list(perceptual.loaded), chosen.type),
     )
     plot_psnr(out / "psnr.png", metrics.as_json())
     write_json(run / "metrics.json", metrics.as_json())
     return metrics
+
+
+def evaluation_identity(loaded: LoadedModel, capture: Capture, networks: list[Network], device: str) -> Identity:
+    """Of what is measured and by which version: the scores of a model on a capture."""
+    settings = {"version": __version__, "lpips": sorted(networks), "device": device}
+    made_from = {"model": loaded.identity.digest(), "capture": capture.identity.digest()}
+    return Identity("evaluation", digest_of(settings), made_from)
 
 
 def _track_scores(run: Path, capture: Capture) -> dict[str, Any]:
@@ -229,12 +242,20 @@ def capture_of(loaded: LoadedModel, named: Path | None) -> Capture:
     if named is None and not folder.is_dir():
         raise InputError(f"{folder}: the capture is not there any more; say where it lies with --capture")
     capture = read_capture(folder)
-    if loaded.capture_fingerprint not in (None, capture.fingerprint):
+    if not is_trained_on(loaded, capture):
         raise InputError(
             f"{folder}: is not the capture that {loaded.path} was trained on; name that one with --capture, or train "
             "again"
         )
     return capture
+
+
+def is_trained_on(loaded: LoadedModel, capture: Capture) -> bool:
+    """Compare identities; a model file of an older version knows the fingerprint of the index, or nothing."""
+    known = loaded.identity.made_from.get("capture")
+    if known is None:
+        return loaded.capture_fingerprint in (None, capture.fingerprint)
+    return known == capture.identity.digest()
 
 
 def save_png(path: Path, image: NDArray[np.uint8]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,13 +17,16 @@ import numpy as np
 import tyro
 from tyro.conf import Positional, arg
 
+from aa4d import __version__
 from aa4d.capture.make import make_capture
 from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import pose_error
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.summary import CaptureSummary
+from aa4d.errors import InputError
 from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.identity import Identity, digest_of, digest_of_file
 
 MOVERS = ("off", "auto")
 
@@ -48,12 +51,23 @@ class Clock:
 
 
 def measure(source: Path, out: Path, settings: CaptureSettings) -> dict[str, Any]:
-    """One row, or the one that was measured before."""
+    """One row, or the one that was measured before from the same input with the same settings.
+
+    Raises:
+        InputError: the row that is there is of something else.
+    """
     truth = read_capture(source) if (source / "capture.json").exists() else None
     frames = source / "frames" if truth is not None else source
     result = out.with_suffix(".json")
+    identity = _identity(frames, truth, settings).as_json()
     if result.exists():
-        return read_json_object(result, "a row of the table")
+        before = read_json_object(result, "a row of the table")
+        if before.get("identity") != identity:
+            raise InputError(
+                f"{result}: was measured from another input or with other settings; delete it and {out}, or choose a "
+                "new folder with --out"
+            )
+        return before
     clock = Clock()
     made = make_capture(frames, out, settings, None, clock.watch)
     clock.stop()
@@ -67,10 +81,19 @@ def measure(source: Path, out: Path, settings: CaptureSettings) -> dict[str, Any
         "reprojection_px": made.reprojection_px,
         "cpu_s": clock.seconds,
         "total_cpu_s": sum(clock.seconds.values()),
+        "identity": identity,
     }
     row |= _error(made, truth) if truth is not None else {}
     write_json(result, row)
     return row
+
+
+def _identity(frames: Path, truth: Capture | None, settings: CaptureSettings) -> Identity:
+    files = sorted(path for path in frames.iterdir() if path.is_file())
+    made_from = {"footage": digest_of({path.name: digest_of_file(path) for path in files})}
+    if truth is not None:
+        made_from["capture"] = truth.identity.digest()
+    return Identity("evaluation", digest_of({"version": __version__, "settings": asdict(settings)}), made_from)
 
 
 def _error(made: CaptureSummary, truth: Capture) -> dict[str, float]:

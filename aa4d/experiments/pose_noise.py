@@ -20,10 +20,12 @@ import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional, arg
 
+from aa4d import __version__
 from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import PoseError, in_other_world, inverse, pose_error
 from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.identity import Identity, digest_of
 from aa4d.training.config import PRESETS, TrainingConfig, with_iterations
 
 Floats = NDArray[np.float64]
@@ -41,7 +43,12 @@ def noisy(capture: Capture, angle_deg: float, share: float, seed: int) -> Captur
         turn = np.radians(angle_deg) / np.sqrt(3) * generator.normal(size=3)
         shift = share * distance / np.sqrt(3) * generator.normal(size=3)
         frames[i] = replace(frames[i], viewmat=_moved(viewmat, turn, shift))
-    return replace(capture, frames=tuple(frames))
+    moved = Identity(
+        "capture",
+        digest_of([frame.viewmat.tolist() for frame in frames]),
+        {"capture": capture.identity.digest()},
+    )
+    return replace(capture, frames=tuple(frames), identity=moved)
 
 
 def _moved(viewmat: Floats, turn: Floats, shift: Floats) -> Floats:
@@ -56,13 +63,21 @@ def _moved(viewmat: Floats, turn: Floats, shift: Floats) -> Floats:
 
 
 def measure(truth: Capture, given: Capture, config: TrainingConfig, out: Path) -> dict[str, Any]:
-    """Train on `given`, compare with `truth`; takes the result that is there."""
+    """Train on `given`, compare with `truth`; takes the result that is there if it is of these very inputs.
+
+    Raises:
+        InputError: `out` holds a run of another capture or with other settings.
+    """
     from aa4d.model_file import load_model
-    from aa4d.training.trainer import train
+    from aa4d.training.run_folder import run_identity
+    from aa4d.training.trainer import model_config_of, settings_of, train
 
     result = out / "result.json"
-    if result.exists():
-        return read_json_object(result, "the result of a trial")
+    settings = settings_of(given, config, model_config_of(given, {}))
+    made_from = {"run": run_identity(settings).digest(), "capture": truth.identity.digest()}
+    identity = Identity("evaluation", digest_of({"version": __version__}), made_from).as_json()
+    if result.exists() and (kept := read_json_object(result, "the result of a trial")).get("identity") == identity:
+        return kept
     loaded = load_model(train(given, out, config, lambda *_: None))
     ranks = truth.of_split("train")
     true = np.array([truth.frames[i].viewmat for i in ranks])
@@ -76,6 +91,7 @@ def measure(truth: Capture, given: Capture, config: TrainingConfig, out: Path) -
         "shift_after": after.trajectory_m / distance,
         "psnr": held_out_psnr(truth, loaded, after),
         "seconds": loaded.training_seconds,
+        "identity": identity,
     }
     write_json(result, row)
     return row

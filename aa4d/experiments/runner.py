@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
+from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.experiments.tables import write_tables
 from aa4d.experiments.trial import Row, Trial, finished_row, stop, trial_process
 from aa4d.experiments.variants import Experiment
+from aa4d.files import write_json
 from aa4d.output_folder import claim_folder
 from aa4d.training.config import TrainingConfig
+from aa4d.training.run_folder import difference
 
 INDEX = "experiment.json"
 
@@ -48,6 +52,7 @@ def trials_of(
             label=variant.label,
             seed=seed,
             config=replace(variant.config(config), seed=seed),
+            base=config,
             model=variant.model,
             out=out / folder.resolve().name / variant.label.replace(" ", "-") / f"seed{seed}",
         )
@@ -57,6 +62,33 @@ def trials_of(
     ]
 
 
+def claim(experiment: Experiment, trials: list[Trial], captures: dict[Path, Capture], out: Path) -> dict[str, Any]:
+    """Take `out` for the experiment. More seeds and more captures may be added to it later, other settings may not.
+
+    Returns:
+        The index that `out` is to have, once its trials have been looked at too.
+
+    Raises:
+        InputError: `out` holds something else, or runs with other settings or of other captures.
+    """
+    index = claim_folder(out, INDEX, {"experiment": experiment.name}, "the runs of an experiment")
+    # Through JSON, so that tuples and lists compare alike.
+    training = json.loads(json.dumps(asdict(replace(trials[0].base, seed=0))))
+    different = difference(index.get("training", training), training, "training")
+    if different is not None:
+        raise InputError(f"{out}: holds runs with another {different}; choose another --out, or delete that folder")
+    named = {folder.name: capture.identity.digest() for folder, capture in captures.items()}
+    before = index.get("captures", {})
+    for folder in captures:
+        if before.get(folder.name, named[folder.name]) != named[folder.name]:
+            raise InputError(
+                f"{out}: its runs of {folder.name} were made from another capture than {folder} is now; choose another "
+                "--out, or delete that folder"
+            )
+    seeds = sorted({*index.get("seeds", []), *(trial.seed for trial in trials)})
+    return index | {"training": training, "captures": before | named, "seeds": seeds}
+
+
 def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs: int, watcher: Watcher) -> list[Row]:
     """Run what has not been run, `jobs` trials at a time, and write the tables after each.
 
@@ -64,15 +96,17 @@ def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs:
         InputError: a capture cannot be read, `out` holds other runs, or some trials failed (the others were run).
         Interrupted: Ctrl-C; what was running is saved.
     """
+    captures = {folder: read_capture(folder) for folder in dict.fromkeys(trial.capture for trial in trials)}
+    index = claim(experiment, trials, captures, out)
     rows: dict[str, Row] = {}
     waiting: list[Trial] = []
     for trial in trials:
-        row = finished_row(trial)
+        row = finished_row(trial, captures[trial.capture])
         if row is None:
             waiting.append(trial)
         else:
             rows[trial.name] = row
-    claim_folder(out, INDEX, {"experiment": experiment.name}, "the runs of an experiment")
+    write_json(out / INDEX, index)
     watcher.start(len(trials), len(rows), sum(trial.iterations for trial in waiting))
     # With one job torch chooses its threads; several jobs of one thread each get more done than one with several.
     running = Processes(threads=1 if jobs > 1 else None)

@@ -10,7 +10,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from aa4d.capture.reader import read_capture
+from aa4d import __version__
+from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import read_json_object, write_json
 from aa4d.training.config import TrainingConfig
@@ -26,6 +27,7 @@ class Trial:
     label: str
     seed: int
     config: TrainingConfig
+    base: TrainingConfig  # without what the variant changes
     model: dict[str, Any]  # settings of ModelConfig
     out: Path  # the run's folder
 
@@ -38,8 +40,11 @@ class Trial:
         return f"{self.capture.name}, {self.label}, seed {self.seed}"
 
 
-def finished_row(trial: Trial) -> Row | None:
-    """The row of a trial that has been run; None where it has not.
+def finished_row(trial: Trial, capture: Capture) -> Row | None:
+    """The row of a trial that has been run; None where it has not, or was scored by another version.
+
+    Args:
+        capture: the one at `trial.capture`.
 
     Raises:
         InputError: the folder holds a run of another capture or with other settings.
@@ -47,32 +52,49 @@ def finished_row(trial: Trial) -> Row | None:
     from aa4d.training.run_folder import check_folder
     from aa4d.training.trainer import model_config_of, settings_of
 
-    capture = read_capture(trial.capture)
-    check_folder(trial.out, settings_of(capture, trial.config, model_config_of(capture, trial.model)))
+    settings = settings_of(capture, trial.config, model_config_of(capture, trial.model))
+    check_folder(trial.out, settings)
     result = trial.out / RESULT
-    return read_json_object(result, "the result of a trial") if result.exists() else None
+    if not result.exists():
+        return None
+    row: Row = read_json_object(result, "the result of a trial")
+    made_by = _made_by(settings)
+    # A row of an older version says neither: its run's settings have just been compared.
+    return row if all(row.get(key, value) == value for key, value in made_by.items()) else None
+
+
+def _made_by(settings: dict[str, Any]) -> dict[str, str]:
+    """The run and the version that a row was measured with."""
+    from aa4d.training.run_folder import run_identity
+
+    return {"run": run_identity(settings).digest(), "version": __version__}
 
 
 def run_trial(trial: Trial, progress: Callable[[int], None]) -> Row:
     """Train and score; `progress` hears of the iterations done. Raises what training and evaluation raise."""
     from aa4d.evaluation.evaluate import evaluate
-    from aa4d.training.trainer import train
+    from aa4d.training.trainer import model_config_of, settings_of, train
 
     def tell(stage: str, iteration: int, *_: object) -> None:
         if iteration % REPORT_EVERY == 0:
             progress(trial.config.iterations_before(stage) + iteration)
 
-    train(read_capture(trial.capture), trial.out, trial.config, tell, variant=trial.model)
+    capture = read_capture(trial.capture)
+    train(capture, trial.out, trial.config, tell, variant=trial.model)
     metrics = evaluate(trial.out, trial.capture, lambda *_: None).as_json()
-    row: Row = {"capture": trial.capture.name, "variant": trial.label, "seed": trial.seed, **numbers(metrics)}
+    made_by = _made_by(settings_of(capture, trial.config, model_config_of(capture, trial.model)))
+    named: Row = {"capture": trial.capture.name, "variant": trial.label, "seed": trial.seed}
+    row = named | numbers(metrics) | made_by
     write_json(trial.out / RESULT, row)
     return row
 
 
 def numbers(metrics: dict[str, Any]) -> Row:
-    """Every number of an evaluation, those of an object as "object.key"; lists and None are left out."""
+    """Every number of an evaluation, those of an object as "object.key"; lists, None and the identity are left out."""
     row: Row = {}
     for key, value in metrics.items():
+        if key == "identity":
+            continue
         if isinstance(value, dict):
             row |= {f"{key}.{inner}": number for inner, number in numbers(value).items()}
         elif isinstance(value, int | float):

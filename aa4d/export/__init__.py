@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
 from aa4d.errors import InputError
 from aa4d.export.clip import Clip
-from aa4d.output_folder import claim_folder, digest_of
+from aa4d.identity import identity_of
+from aa4d.output_folder import claim_folder, index_of
 
 INDEX = "export.json"
 VERSION = 1
@@ -57,10 +58,10 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> None:
         "format": "aa4d-export",
         "version": VERSION,
         "exporter": name,
-        "model_sha256": digest_of(clip.loaded.path),
         "background": list(clip.loaded.background),
         "axes": clip.axes,
         "seen_from": "each view" if clip.eye is None else clip.eye.tolist(),
     }
-    claim_folder(out, INDEX, settings | clip.path.as_json(), "an export")
-    write(clip, out, progress)
+    index = index_of("export", clip.loaded, settings | clip.path.as_json())
+    claim_folder(out, INDEX, index, "an export")
+    write(replace(clip, identity=identity_of(index["identity"])), out, progress)

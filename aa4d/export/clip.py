@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from aa4d.filming.camera_path import CameraPath
+from aa4d.identity import Identity
 from aa4d.model_file import LoadedModel
 from aa4d.raster.types import Gaussians
 
@@ -43,6 +44,7 @@ class Clip:
     path: CameraPath
     eye: Array | None  # [3] metres, the same for all views; None: each view's own camera
     axes: Axes = "world"
+    identity: Identity | None = None  # of the export, for formats that can hold it
 
     def __len__(self) -> int:
         return len(self.path.views)
@@ -74,6 +76,10 @@ class Clip:
         )
         velocity = (second - first) * (self.path.fps / (after - before))
         return velocity if self.axes == "world" else np.asarray(VIEWER.apply(velocity))
+
+    def labels(self) -> list[str]:
+        """Lines for the header of a file: the export's identity."""
+        return [] if self.identity is None else [f"aa4d {self.identity.as_text()}"]
 
     def group_names(self) -> tuple[str, ...]:
         groups = self.loaded.model.groups

@@ -39,7 +39,9 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     wide = {"win_lo", "win_hi"}  # the file keeps these in float64
     scene = fourdgs.GaussianSet(**{k: v if k in wide else v.astype(np.float32) for k, v in columns.items()})
     frame = fourdgs.CoordinateFrame("", *RIGHT_HANDED_Z_UP_Y_FORWARD, METRE, 1.0)
-    options = fourdgs.WriteOptions(library=f"aa4d {__version__}", provenance=fourdgs.Provenance(frames=[frame]))
+    metadata = None if clip.identity is None else {"aa4d": clip.identity.as_text()}
+    provenance = fourdgs.Provenance(frames=[frame])
+    options = fourdgs.WriteOptions(library=f"aa4d {__version__}", provenance=provenance, metadata=metadata)
     with whole_file(path) as temporary:
         fourdgs.write(str(temporary), scene, clip.seconds(len(clip)), options=options)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,11 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     for index in range(len(clip)):
         path = out / f"{clip.name(index)}.ply"
         if not path.exists():
-            write_point_ply(path, clip.gaussians(index))
+            write_point_ply(path, clip.gaussians(index), clip.labels())
         progress(index + 1, len(clip))
 
 
-def write_point_ply(path: Path, gaussians: WorldGaussians) -> None:
+def write_point_ply(path: Path, gaussians: WorldGaussians, comments: Sequence[str] = ()) -> None:
     """Positions in metres, 8-bit sRGB colours, opacity in [0, 1] and the mean radius of one standard deviation.
 
     Of a model with rigid groups also the group of each point, -1 for the world's.
@@ -39,4 +39,4 @@ def write_point_ply(path: Path, gaussians: WorldGaussians) -> None:
     if g.group is not None:
         vertex["group"] = g.group
     with whole_file(path) as temporary:
-        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(temporary))
+        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<", comments=comments).write(str(temporary))

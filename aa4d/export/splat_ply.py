@@ -5,7 +5,7 @@ Colours are the constant term of spherical harmonics, opacities are logits, scal
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,11 +29,11 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     for index in range(len(clip)):
         path = out / f"{clip.name(index)}.ply"
         if not path.exists():
-            write_splat_ply(path, clip.gaussians(index))
+            write_splat_ply(path, clip.gaussians(index), clip.labels())
         progress(index + 1, len(clip))
 
 
-def write_splat_ply(path: Path, gaussians: WorldGaussians) -> None:
+def write_splat_ply(path: Path, gaussians: WorldGaussians, comments: Sequence[str] = ()) -> None:
     g = gaussians
     opacity = np.minimum(g.opacities, OPAQUE)
     columns = np.concatenate(
@@ -51,4 +51,4 @@ def write_splat_ply(path: Path, gaussians: WorldGaussians) -> None:
     for name, column in zip(PROPERTIES, columns.T, strict=True):
         vertex[name] = column
     with whole_file(path) as temporary:
-        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(temporary))
+        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<", comments=comments).write(str(temporary))

@@ -35,6 +35,8 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
         stage.SetFramesPerSecond(clip.path.fps)
         stage.SetStartTimeCode(0)
         stage.SetEndTimeCode(len(clip) - 1)
+        if clip.identity is not None:
+            stage.GetRootLayer().customLayerData = {"aa4d": clip.identity.as_text()}
         root = UsdGeom.Xform.Define(stage, "/AdaAnchor4D")
         stage.SetDefaultPrim(root.GetPrim())
         points = UsdGeom.Points.Define(stage, "/AdaAnchor4D/points")

@@ -18,7 +18,7 @@ from aa4d.filming.camera_path import CameraPath
 from aa4d.filming.layers import LAYERS, colored, draw, scale_of
 from aa4d.filming.video import write_video
 from aa4d.model_file import LoadedModel
-from aa4d.output_folder import claim_folder, digest_of
+from aa4d.output_folder import claim_folder, index_of
 
 INDEX = "render.json"
 VERSION = 1
@@ -69,7 +69,7 @@ def film(
 
 def _settings(loaded: LoadedModel, path: CameraPath) -> dict[str, Any]:
     """What every picture depends on."""
-    return {"format": "aa4d-render", "version": VERSION, "model_sha256": digest_of(loaded.path)} | path.as_json()
+    return index_of("render", loaded, {"format": "aa4d-render", "version": VERSION} | path.as_json())
 
 
 def _scales(loaded: LoadedModel, path: CameraPath, layers: list[str], index: dict[str, Any], out: Path) -> Scales:

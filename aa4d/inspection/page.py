@@ -14,12 +14,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from aa4d import __version__
 from aa4d.capture.reader import Capture, moving_mask, read_image
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import capture_of
 from aa4d.files import whole_file, write_text
 from aa4d.filming.camera_path import View
 from aa4d.filming.layers import LAYERS, Layer, colored, draw, scale_of
+from aa4d.identity import Identity, digest_of
 from aa4d.inspection.history import history_figure, read_history
 from aa4d.inspection.motion_groups import groups_by_motion, groups_by_truth
 from aa4d.inspection.trajectories import map_figure, over_frame_figure, trajectories
@@ -93,7 +95,11 @@ def inspect(
     progress(3, steps)
     ways = _trajectories(loaded, capture, pictures)
     progress(4, steps)
+    made_from = {"model": loaded.identity.digest()}
+    if capture is not None:
+        made_from["capture"] = capture.identity.digest()
     context: dict[str, Any] = {
+        "identity": Identity("report", digest_of({"version": __version__}), made_from).as_text(),
         "name": run.resolve().name,
         "anchors": len(loaded.model.anchors),
         "coarse_anchors": None if coarse is None else len(coarse.model.anchors),

@@ -21,6 +21,7 @@ from torch.autograd.profiler import profile
 from aa4d import _native
 from aa4d.capture.reader import Capture, Frame, PinholeCamera
 from aa4d.files import write_json
+from aa4d.identity import Identity
 from aa4d.model import ModelConfig
 from aa4d.rendering import render
 from aa4d.training.checkpoints import TrainingState
@@ -186,7 +187,8 @@ def _capture(workload: Workload, spacing_px: float, folder: Path) -> Capture:
     points = np.column_stack([ground, 0.01 * generator.standard_normal(len(ground))])
     K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]])
     colors = np.zeros((len(points), 3), np.uint8)
-    return Capture(folder, "bench", "bench", 10.0, PinholeCamera(width, height, K), tuple(frames), points, colors, None)
+    camera, nobody = PinholeCamera(width, height, K), Identity("capture", "bench")
+    return Capture(folder, "bench", nobody, 10.0, camera, tuple(frames), points, colors, None)
 
 
 def _median_seconds(run: Callable[[], None], seconds: float) -> float:

@@ -9,13 +9,34 @@ from pathlib import Path
 from typing import Any
 
 from aa4d import files
+from aa4d.capture.reader import Capture
 from aa4d.errors import InputError
 from aa4d.files import read_json_object, write_json
+from aa4d.identity import Identity, digest_of, identity_of
 
 SETTINGS = "config.json"
 
 
-def check_folder(out: Path, settings: dict[str, Any]) -> None:
+def run_settings(capture: Capture, training: dict[str, Any], model: dict[str, Any]) -> dict[str, Any]:
+    """What makes a run this one and no other: the content of `config.json`. The path of the capture is for people."""
+    settings = json.loads(json.dumps({"training": training, "model": model}))  # tuples become lists, as in the file
+    identity = Identity("run", digest_of(settings), {"capture": capture.identity.digest()})
+    return {
+        "capture": str(capture.folder.resolve()),
+        "capture_fingerprint": capture.fingerprint,  # of a run of an older version, which had no identity
+        "identity": identity.as_json(),
+        **settings,
+    }
+
+
+def run_identity(settings: dict[str, Any]) -> Identity:
+    """The identity in a run's settings."""
+    identity = identity_of(settings["identity"])
+    assert identity is not None
+    return identity
+
+
+def check_folder(out: Path, wanted: dict[str, Any]) -> None:
     """Raises InputError where `out` holds something other than the run with these settings."""
     path = out / SETTINGS
     if not path.exists():
@@ -23,8 +44,6 @@ def check_folder(out: Path, settings: dict[str, Any]) -> None:
             raise InputError(f"{out}: not empty and not a training run; choose a new folder with --out")
         return
     found = read_json_object(path, "the settings of a training run")
-    # Through JSON, so that tuples and lists compare alike.
-    wanted = json.loads(json.dumps(settings))
     rides, is_to_ride = (bool(s.get("training", {}).get("motion")) for s in (found, wanted))
     if rides != is_to_ride:
         names = {True: "--motion tracks", False: "--motion none"}
@@ -32,21 +51,32 @@ def check_folder(out: Path, settings: dict[str, Any]) -> None:
             f"{out}: holds a run of {names[rides]}, and {names[is_to_ride]} is asked for (see {path}); "
             "choose a new folder with --out, or delete that one"
         )
-    for key in ("capture_fingerprint", "training", "model"):
-        if found.get(key) != wanted[key]:
-            difference = "capture" if key == "capture_fingerprint" else _difference(found.get(key), wanted[key], key)
+    differences = [difference(found.get(key), wanted[key], key) for key in ("training", "model")]
+    if not _has_same_capture(found, wanted):
+        differences.insert(0, "capture")
+    for different in differences:
+        if different is not None:
             raise InputError(
-                f"{out}: holds a run with another {difference} (see {path}); "
+                f"{out}: holds a run with another {different} (see {path}); "
                 "choose a new folder with --out, or delete that one"
             )
 
 
-def _difference(found: Any, wanted: Any, name: str) -> str:
-    """The first setting that differs, in words."""
+def _has_same_capture(found: dict[str, Any], wanted: dict[str, Any]) -> bool:
+    before = identity_of(found.get("identity"))
+    if before is None:
+        return bool(found.get("capture_fingerprint") == wanted["capture_fingerprint"])
+    return before.made_from.get("capture") == run_identity(wanted).made_from["capture"]
+
+
+def difference(found: Any, wanted: Any, name: str) -> str | None:
+    """The first setting that differs, in words; None where none does."""
+    if found == wanted:
+        return None
     if isinstance(found, dict) and isinstance(wanted, dict):
         for key in wanted | found:
             if found.get(key) != wanted.get(key):
-                return _difference(found.get(key), wanted.get(key), f"{name}.{key}")
+                return difference(found.get(key), wanted.get(key), f"{name}.{key}")
     return f"{name}: {found} there, {wanted} asked for"
 
 

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from aa4d.anchors.canonical import Anchors, spacing, voxel_centres
 from aa4d.anchors.densification import Statistics
+from aa4d.capture.content import check_content
 from aa4d.capture.frame import ModelFrame, frame_of
 from aa4d.capture.reader import Capture, read_images
 from aa4d.device import DeviceName, choose_device
@@ -39,7 +40,7 @@ from aa4d.training.history import History
 from aa4d.training.optimiser import make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
 from aa4d.training.riding import FloatArray, add_riders, check_source, find, membership_loss
-from aa4d.training.run_folder import check_folder, claimed
+from aa4d.training.run_folder import check_folder, claimed, run_identity, run_settings
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
 RESTART = "delete the run and train again"
@@ -96,6 +97,7 @@ def train(
     model_config = model_config_of(capture, variant or {})
     settings = settings_of(capture, config, model_config)
     check_folder(out, settings)
+    check_content(capture.folder)
     if config.motion is not None:
         check_source(config.motion.tracks, capture)
     # Every image is read here, so that bad input is refused before anything is written.
@@ -127,12 +129,7 @@ def settings_of(capture: Capture, config: TrainingConfig, model_config: ModelCon
     training = dataclasses.asdict(config)
     if config.motion is None:  # as before there was such a setting
         del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
-    return {
-        "capture": str(capture.folder.resolve()),
-        "capture_fingerprint": capture.fingerprint,
-        "training": training,
-        "model": dataclasses.asdict(model_config),
-    }
+    return run_settings(capture, training, dataclasses.asdict(model_config))
 
 
 class Run:
@@ -427,7 +424,6 @@ class Run:
             "seed": self.config.seed,
             "iterations": state.iteration,
             "seconds": round(state.seconds, 3),
-            "capture_fingerprint": self.capture.fingerprint,
         }
         if (poses := state.poses) is not None:
             training["refined_poses"] = True
@@ -440,6 +436,7 @@ class Run:
             frame=self.frame,
             background=(background[0], background[1], background[2]),
             training=training,
+            run=run_identity(settings_of(self.capture, self.config, self.model_config)),
         )
 
     def diagnosis(self, state: TrainingState, found: NotFinite, say: Say) -> str:

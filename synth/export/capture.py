@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+from typing import Any
 
 from synth.capture import INDEX, PLAN, Folder
 from synth.costs import Costs
@@ -12,6 +13,7 @@ from synth.export.nerfstudio import transforms
 from synth.export.ply import ply
 from synth.export.points import build_points, load_views
 from synth.files import write_bytes, write_json, write_npz, write_text
+from synth.identity import capture_identity
 from synth.plan import Plan
 from synth.progress import Progress
 from synth.truth.derive import derive, steps
@@ -20,8 +22,8 @@ CHECKSUMS = "checksums.json"
 COSTS = "cost.json"
 
 
-def export(plan: Plan, folder: Folder, generator: dict[str, object], costs: Costs) -> None:
-    """Write it, from a folder in which every frame is complete."""
+def export(plan: Plan, folder: Folder, plan_document: dict[str, Any], scene_file: str, costs: Costs) -> None:
+    """Write it, from a folder in which every frame is complete; `plan_document` is `plan.document`."""
     from synth.blender.passes import read_rgb
 
     root = folder.root
@@ -45,8 +47,12 @@ def export(plan: Plan, folder: Folder, generator: dict[str, object], costs: Cost
         for name in plan.scene.exports:
             _annotations(name, told, folder)
     costs.save()
-    write_json(root / CHECKSUMS, checksums(folder))
-    write_json(root / INDEX, index(plan, folder, generator, passes))
+    files = checksums(folder)
+    write_json(root / CHECKSUMS, files)
+    generator = {**plan_document["generator"], "scene": scene_file, "seed": plan.scene.seed}
+    content = index(plan, folder, generator, passes)
+    identity = capture_identity(content, files, {"plan": plan_document["sha256"]})
+    write_json(root / INDEX, {**content, "identity": identity})
 
 
 def told_plan(plan: Plan) -> Plan:

@@ -186,7 +186,7 @@ def test_scores_reach_the_file_the_table_and_a_picture(
     run.mkdir()
     save_model(
         run / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
-        background=loaded.background, training={"seconds": 1.0, "capture_fingerprint": capture.fingerprint},
+        background=loaded.background, training={"seconds": 1.0},
     )  # fmt: skip
     steps: list[tuple[int, int]] = []
     metrics = evaluate(run, capture.folder, lambda done, total: steps.append((done, total))).as_json()

@@ -233,7 +233,7 @@ def test_a_page_of_a_model_with_groups_names_them(run: Path) -> None:
     ride(loaded, group, shown=(ALWAYS, ALWAYS))
     save_model(
         run / "model.safetensors", loaded.model, stage="fine", capture=capture, frame=loaded.frame,
-        background=loaded.background, training={"seconds": 1.0, "capture_fingerprint": capture.fingerprint},
+        background=loaded.background, training={"seconds": 1.0},
     )  # fmt: skip
     page, _ = inspect(run, None, run / "inspect", silent)
     assert "Paths of the 2 rigid groups" in page.read_text()

@@ -14,6 +14,7 @@ from PIL import Image
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
+from aa4d.identity import Identity
 from aa4d.model_file import load_model
 from aa4d.training.trainer import train
 from tests.toy_capture import write_toy_capture
@@ -123,7 +124,7 @@ def test_another_run_in_the_folder_is_refused(toy_capture: Path, tmp_path: Path)
     with pytest.raises(InputError, match=r"another training\.seed: 0 there, 1 asked for"):
         train(capture, tmp_path / "run", replace(SHORT, seed=1), silent)
     with pytest.raises(InputError, match="another capture"):
-        train(replace(capture, fingerprint="0"), tmp_path / "run", SHORT, silent)
+        train(replace(capture, identity=Identity("capture", "0")), tmp_path / "run", SHORT, silent)
 
 
 def test_a_folder_with_other_things_is_refused_and_kept(toy_capture: Path, tmp_path: Path) -> None:
