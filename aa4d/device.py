@@ -9,7 +9,13 @@ import torch
 
 from aa4d.errors import InputError
 
+UNUSED_GPU = "device: the CPU; a GPU is here, but CUDA has not trained on a real one yet (--device cuda tries it)"
 DeviceName = Literal["auto", "cpu", "cuda"]
+
+
+def note_on_device(name: DeviceName) -> str | None:
+    """What to tell a person who has a GPU and did not choose; None where there is nothing to tell."""
+    return UNUSED_GPU if name == "auto" and torch.cuda.is_available() else None
 
 
 def choose_device(name: DeviceName) -> torch.device:

@@ -44,7 +44,7 @@ def train(
         ),
     ] = "auto",
     device: Annotated[
-        Literal["auto", "cpu", "cuda"], arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU.")
+        Literal["auto", "cpu", "cuda"], arg(help="auto: the CPU, until CUDA has trained on a real GPU.")
     ] = "auto",
     refine_poses: Annotated[
         bool, arg(help="Learn the training cameras' poses with the scene; for poses that are off by some pixels.")
@@ -53,6 +53,7 @@ def train(
 ) -> None:
     """Train AdaAnchor4D on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
     from aa4d.capture.reader import read_capture
+    from aa4d.device import note_on_device
     from aa4d.training.config import PRESETS, MotionSettings, with_iterations
     from aa4d.training.trainer import train as run_training
 
@@ -67,6 +68,8 @@ def train(
         if min(iterations) < 1:
             raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")
         config = with_iterations(config, *iterations)
+    if note := note_on_device(device):
+        console.print(note, highlight=False, soft_wrap=True)
     with training_progress() as progress:
         model = run_training(
             read_capture(capture),
