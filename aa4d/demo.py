@@ -24,7 +24,7 @@ from aa4d.evaluation.evaluate import evaluate
 from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.identity import digest_of, digest_of_file
 from aa4d.model_file import copy_model
-from aa4d.report import write_report
+from aa4d.reports.demo_report import write_report
 from aa4d.training.config import TrainingConfig
 from aa4d.training.trainer import Progress, train
 

@@ -18,7 +18,7 @@ from aa4d.capture.reader import read_capture
 from aa4d.demo import Record, Stage, check, summarise
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
-from aa4d.report import spread, write_report
+from aa4d.reports.demo_report import spread, write_report
 from aa4d.training.config import TrainingConfig
 from aa4d.training.trainer import train
 

@@ -81,7 +81,7 @@ def _verify(capture: Path, json: Path | None, out: Path | None) -> None:
 
 def _cost(scene: Path, out: Path | None) -> None:
     from aa4d.blender import run_in_blender
-    from aa4d.cost_plot import plot
+    from aa4d.reports.cost_plot import plot
 
     if out is None:
         raise InputError("aa4d synth cost: --out is missing: where the table and the plot go")
@@ -92,7 +92,7 @@ def _cost(scene: Path, out: Path | None) -> None:
 
 def _sheet(scenes: tuple[Path, ...], out: Path | None) -> None:
     from aa4d.blender import run_in_blender
-    from aa4d.sheet_plot import plot
+    from aa4d.reports.contact_sheet import plot
 
     if out is None:
         raise InputError("aa4d synth sheet: --out is missing: where the table and the contact sheet go")

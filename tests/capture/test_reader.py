@@ -44,8 +44,6 @@ def test_moving_pixels_are_those_of_instances_that_move_at_that_frame(toy_captur
     assert moving.sum() > 0
 
 
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [

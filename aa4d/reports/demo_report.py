@@ -53,7 +53,7 @@ def write_report(
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
-    html = environment.get_template("report.html.jinja").render(
+    html = environment.get_template("demo_report.html.jinja").render(
         name=capture.name,
         frames=[_row(capture, run, paper, score) for score in spread(metrics["frames"], PICTURED_FRAMES)],
         metrics=metrics,
