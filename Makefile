@@ -36,6 +36,7 @@ lint: $(VENV)/installed
 	@echo "== lint and types"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run --Werror $$(find aa4d/_native -name "*.?pp")
 	$(BIN)/mypy
 
 extension: $(VENV)/installed

@@ -27,6 +27,7 @@ from aa4d.capture.reader import moving_mask, read_capture, read_images
 from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.summary import CaptureSummary
+from aa4d.capture.workspace import Progress
 from aa4d.errors import InputError
 from tests.capture import aerial
 
@@ -41,7 +42,7 @@ class Watch:
         self.ran: list[str] = []
         self.skipped: list[str] = []
 
-    def __call__(self, name: str, was_done: bool):
+    def __call__(self, name: str, was_done: bool) -> Progress:
         (self.skipped if was_done else self.ran).append(name)
         return lambda *_: None
 
@@ -248,7 +249,7 @@ def test_two_processes_do_not_make_one_capture(flight: Path, tmp_path: Path) -> 
     refusals = []
 
     class Second(Watch):
-        def __call__(self, name: str, was_done: bool):
+        def __call__(self, name: str, was_done: bool) -> Progress:
             with pytest.raises(InputError, match="another process is making a capture there; wait for it"):
                 make(flight, tmp_path / "capture")
             refusals.append(name)

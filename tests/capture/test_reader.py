@@ -140,8 +140,8 @@ def test_a_folder_that_is_no_capture_is_refused(tmp_path: Path) -> None:
         read_capture(tmp_path)
 
 
-def store_boxes(folder: Path, **changed: object) -> None:
-    arrays = {
+def store_boxes(folder: Path, **changed: np.ndarray) -> None:
+    arrays: dict[str, np.ndarray] = {
         "frame": np.array([1, 1]),
         "target": np.array([4, -1]),
         "box_px": np.array([[1.0, 2, 10, 12], [0, 0, 5.5, 4]]),
@@ -158,7 +158,7 @@ def test_boxes_are_read_and_a_capture_without_them_has_none(toy_capture: Path) -
     boxes = boxes_of(capture)
     assert boxes is not None
     assert (boxes.target.tolist(), boxes.category.tolist()) == ([4, -1], ["car", ""])
-    assert np.array_equal(boxes.box_px, [[1, 2, 10, 12], [0, 0, 5.5, 4]])
+    assert np.array_equal(boxes.box_px, np.array([[1, 2, 10, 12], [0, 0, 5.5, 4]]))
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_boxes_are_read_and_a_capture_without_them_has_none(toy_capture: Path) -
         ({"category": np.array([{}, {}], object)}, "array 'category' cannot be read"),
     ],
 )
-def test_boxes_of_another_kind_are_refused(toy_capture: Path, changed: dict[str, object], says: str) -> None:
+def test_boxes_of_another_kind_are_refused(toy_capture: Path, changed: dict[str, np.ndarray], says: str) -> None:
     store_boxes(toy_capture, **changed)
     with pytest.raises(InputError, match=says):
         boxes_of(read_capture(toy_capture))

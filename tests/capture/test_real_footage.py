@@ -12,13 +12,14 @@ import pytest
 from aa4d.capture.make import make_capture
 from aa4d.capture.reader import read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings
+from aa4d.capture.workspace import Progress
 
 DATA = Path(__file__).parents[3] / "shared/data"
 S1001, BEACH = DATA / "uavdt_S1001", DATA / "brighton_beach/images"
 SETTINGS = CaptureSettings("fast", PRESETS["fast"], size_px=512, threads=2)
 
 
-def silent(*_: object):
+def silent(*_: object) -> Progress:
     return lambda *_: None
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from aa4d.capture.reader import PinholeCamera, boxes_of, moving_mask, read_captu
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.sources import open_source
 from aa4d.capture.sources.posed import same_shape
+from aa4d.capture.workspace import Progress
 from aa4d.capture.writing import Cloud, Shot, write_capture
 from aa4d.errors import InputError
 from tests.capture import aerial
@@ -28,7 +31,7 @@ QUICK = replace(PRESETS["fast"], features=800, longest_px=320, window=3, keyfram
 SETTINGS = CaptureSettings("test", QUICK, Selection(source_fps=10.0), threads=1)
 
 
-def silent(*_: object):
+def silent(*_: object) -> Progress:
     return lambda *_: None
 
 
@@ -355,7 +358,7 @@ SHEARED = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # its dete
         (lambda d: [f.update(file_path="x/" + f["file_path"]) for f in d["frames"]], "holds none of the 9 pictures"),
     ],
 )
-def test_damaged_transforms_are_refused(tmp_path: Path, change, says: str) -> None:
+def test_damaged_transforms_are_refused(tmp_path: Path, change: Callable[[Any], object], says: str) -> None:
     source = given(tmp_path / "given", with_points=False)
     document = json.loads((source / "transforms.json").read_text())
     change(document)

@@ -89,7 +89,7 @@ def test_umeyama_finds_the_similarity() -> None:
     assert np.allclose(found.rotation, true.rotation)
     assert np.allclose(found.translation, true.translation)
     # A mirror image is no similarity: the rotation stays a rotation.
-    mirrored = umeyama(points, points * [1, 1, -1])
+    mirrored = umeyama(points, points * np.array([1.0, 1, -1]))
     assert np.linalg.det(mirrored.rotation) == pytest.approx(1)
 
 

@@ -99,7 +99,7 @@ def test_a_group_that_stands_anywhere_on_its_instance_has_no_error(loaded: Loade
     ride(loaded, everyone(loaded))
     assert loaded.model.groups is not None
     with torch.no_grad():
-        loaded.model.groups.position += torch.tensor([0.8, -0.4, 0.2]) / loaded.frame.unit_m
+        loaded.model.groups.position.add_(torch.tensor([0.8, -0.4, 0.2]) / loaded.frame.unit_m)
     assert scores_of(loaded, capture).group_error_m == pytest.approx(0, abs=1e-4)
 
 

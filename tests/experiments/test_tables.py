@@ -31,7 +31,7 @@ def test_gains_compare_seed_with_seed() -> None:
     """The seeds differ by 10 dB; the variants, on one seed, by 1 and 1.5."""
     plain, fancy, alone = lines_of(TWO, ROWS)
     assert plain.gain_db == Spread(0.0, 0.0, 2)
-    assert fancy.gain_db == Spread(1.25, pytest.approx(statistics.stdev([1.0, 1.5])), 2)
+    assert fancy.gain_db == Spread(1.25, pytest.approx(statistics.stdev([1.0, 1.5])), 2)  # type: ignore[arg-type]
     assert fancy.spreads["psnr"].mean == 26.25
     assert (alone.capture, alone.seeds, alone.gain_db) == ("b", 1, None)
 

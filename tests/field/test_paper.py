@@ -111,7 +111,7 @@ def gaussians_of_anchor(model: AdaAnchor4D, i: int, t: float, centre: np.ndarray
     u = [min(max(2 * (x[d] - lower[d]) / (upper[d] - lower[d]) - 1, -1), 1) for d in range(3)]
     query = [*(warped(model, u[d], d) for d in range(3)), 2 * t - 1]
 
-    e = a.embedding_acfa[i].detach().numpy()
+    e = a.embedding_acfa[i].detach().numpy()  # type: ignore[index]
     z = network(model.aggregation.predictor, np.append(e, t))  # type: ignore[arg-type]
     h = []
     for level in range(len(c.spatial_resolutions)):

@@ -82,7 +82,7 @@ def arc(n: int) -> CameraPath:
     views = []
     for i in range(n):
         angle = 2.0 * i / (n - 1)
-        eye = 30 * np.array([math.cos(angle), math.sin(angle), 1.0])
+        eye = 30.0 * np.array([math.cos(angle), math.sin(angle), 1.0])
         views.append(View(f"{i:06}", i / (n - 1), looking_at(eye, np.zeros(3))))
     camera = None
     return CameraPath(tuple(views), np.linspace(0, 1, n), camera, 10.0)  # type: ignore[arg-type]

@@ -210,8 +210,8 @@ def test_the_image_loss_shows_nan() -> None:
 @pytest.mark.parametrize(("anchors", "offsets"), [(1, 1), (7, 3), (300, 10), (0, 10)])
 def test_local_gaussians_agree_with_their_twin(anchors: int, offsets: int) -> None:
     torch.manual_seed(4)
-    shapes = ((anchors, 3), (anchors, offsets, 3), (anchors, 6), (anchors, offsets))
-    shapes += ((anchors, 3 * offsets), (anchors, 7 * offsets))
+    flat = ((anchors, 6), (anchors, offsets), (anchors, 3 * offsets), (anchors, 7 * offsets))
+    shapes = ((anchors, 3), (anchors, offsets, 3), *flat)
     inputs = [torch.randn(shape) for shape in shapes]
     inputs[2] = inputs[2].exp()
     for raw in inputs[3:]:
@@ -228,9 +228,8 @@ def test_local_gaussians_agree_with_their_twin(anchors: int, offsets: int) -> No
 
 def test_small_opacities_keep_their_bits_and_large_inputs_saturate() -> None:
     raw = torch.tensor([[1e-7, 1e-3, 0.2499, 0.2501, 1.0, 60.0, -60.0, -1e-3, 3e38]])
-    zeros = [torch.zeros(1, 3), torch.zeros(1, 9, 3), torch.ones(1, 6)]
-    color = raw.repeat(1, 3)
-    gaussians = local_gaussians(*zeros, raw, color, torch.zeros(1, 63))
+    color, zeros = raw.repeat(1, 3), torch.zeros(1, 9, 3)
+    gaussians = local_gaussians(zeros[0, :1], zeros, torch.ones(1, 6), raw, color, torch.zeros(1, 63))
     expected = raw.double().tanh().clamp_min(0)[0]
     torch.testing.assert_close(gaussians.opacities.double(), expected, rtol=3e-7, atol=0)
     torch.testing.assert_close(gaussians.colors.view(-1), torch.sigmoid(color[0]), rtol=3e-7, atol=1e-30)
