@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from PIL import Image
 
 from aa4d.blender import run_forwarding_interrupts
 from aa4d.capture.reader import read_capture
-from aa4d.demo import Record, Stage, check, summarise
+from aa4d.demo import Record, Stage, check, files_named_in, summarise
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.reports.demo_report import spread, write_report
@@ -46,6 +47,36 @@ def test_a_stage_is_done_while_its_outputs_exist_and_its_inputs_are_the_same(tmp
     (tmp_path / "in").write_text("a")
     (tmp_path / "out").unlink()
     assert not stage.is_done(record)
+
+
+def test_a_stage_is_done_for_its_settings_its_capture_and_its_own_outputs(toy_capture: Path, tmp_path: Path) -> None:
+    (tmp_path / "model").write_text("trained")
+    stage = Stage("training", "", (toy_capture,), (tmp_path / "model",), silent, {"seed": 0})
+    record = Record(tmp_path / "seconds.json")
+    with record.running(stage):
+        pass
+    assert stage.is_done(record)
+    assert not replace(stage, settings={"seed": 1}).is_done(record)
+    (tmp_path / "model").write_text("of another day")
+    assert not stage.is_done(record)
+    (tmp_path / "model").write_text("trained")
+    before = (toy_capture / "capture.json").read_bytes()
+    shutil.copyfile(toy_capture / "frames/000004.png", toy_capture / "frames/000003.png")
+    assert (toy_capture / "capture.json").read_bytes() == before
+    assert not stage.is_done(record)
+
+
+def test_files_that_a_scene_names_are_inputs(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        'name = "x"\n[tracks]\nfile = "t.csv"\n[[assets]]\nfile = "a/van.glb"\n[[assets]]\nfile = "no.glb"\n'
+    )
+    (tmp_path / "a").mkdir()
+    for name in ("t.csv", "a/van.glb"):
+        (tmp_path / name).touch()
+    assert files_named_in(scene) == (tmp_path / "a/van.glb", tmp_path / "t.csv")
+    scene.write_text("name = ")
+    assert files_named_in(scene) == ()
 
 
 def test_seconds_of_a_stopped_stage_add_up_and_those_of_a_new_run_begin_anew(tmp_path: Path) -> None:

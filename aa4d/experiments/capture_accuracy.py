@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import tyro
 from tyro.conf import Positional, arg
 
 from aa4d import __version__
@@ -25,6 +24,7 @@ from aa4d.capture.reader import Capture, read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.summary import CaptureSummary
 from aa4d.errors import InputError
+from aa4d.experiments.program import run_as_program
 from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.identity import Identity, digest_of, digest_of_file
 
@@ -148,4 +148,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_as_program(main)

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional, arg
 
@@ -24,6 +23,7 @@ from aa4d import __version__
 from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import PoseError, in_other_world, inverse, pose_error
 from aa4d.capture.reader import Capture, read_capture, read_image
+from aa4d.experiments.program import run_as_program
 from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.identity import Identity, digest_of
 from aa4d.training.config import PRESETS, TrainingConfig, with_iterations
@@ -151,4 +151,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_as_program(main)

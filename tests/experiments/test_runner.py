@@ -1,6 +1,7 @@
 """Experiments on the toy capture: real processes, stopped, killed and continued."""
 
 import csv
+import json
 import os
 import re
 import signal
@@ -12,12 +13,16 @@ from pathlib import Path
 
 import pytest
 
+from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.experiments.runner import run_experiment, trials_of
+from aa4d.experiments.trial import finished_row, run_trial
 from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
 from aa4d.field.aggregation import AGGREGATIONS
+from aa4d.files import write_json
 from aa4d.model import ModelConfig
 from aa4d.training.config import PRESETS, with_iterations
+from tests.capture.test_content import change_frame
 from tests.training.short_run import SHORT
 
 TINY = replace(SHORT, coarse_iterations=4, fine_iterations=4)
@@ -58,6 +63,36 @@ def test_trials_run_once_side_by_side_and_their_rows_stay(toy_capture: Path, tmp
     assert (out / "capture/product/seed0/model.safetensors").exists()
     with pytest.raises(InputError, match="another training"):
         run_experiment(TWO, trials_of(TWO, [toy_capture], out, replace(TINY, voxel_px=9.0), 1), out, 1, Quiet())
+
+
+def test_a_capture_of_that_name_that_is_another_is_refused_and_more_seeds_are_added(
+    toy_capture: Path, tmp_path: Path
+) -> None:
+    out, one = tmp_path / "one", Experiment("one", "One", (Variant("good"),))
+    run_experiment(one, trials_of(one, [toy_capture], out, TINY, 1), out, 1, Quiet())
+    rows = run_experiment(one, trials_of(one, [toy_capture], out, TINY, 2), out, 1, Quiet())
+    assert [row["seed"] for row in rows] == [0, 1]
+    index = json.loads((out / "experiment.json").read_text())
+    assert (index["seeds"], index["training"]["fine_iterations"], list(index["captures"])) == ([0, 1], 4, ["capture"])
+    with pytest.raises(InputError, match=r"holds runs with another training\.fine_iterations: 4 there, 5 asked for"):
+        run_experiment(one, trials_of(one, [toy_capture], out, replace(TINY, fine_iterations=5), 1), out, 1, Quiet())
+    change_frame(toy_capture)
+    with pytest.raises(InputError, match="its runs of capture were made from another capture than"):
+        run_experiment(one, trials_of(one, [toy_capture], out, TINY, 1), out, 1, Quiet())
+    assert json.loads((out / "experiment.json").read_text()) == index
+
+
+def test_a_row_of_another_version_is_measured_again(toy_capture: Path, tmp_path: Path) -> None:
+    out, one = tmp_path / "one", Experiment("one", "One", (Variant("good"),))
+    trials = trials_of(one, [toy_capture], out, TINY, 1)
+    capture = read_capture(toy_capture)
+    assert finished_row(trials[0], capture) is None
+    row = run_trial(trials[0], lambda _: None)
+    assert finished_row(trials[0], capture) == row
+    of_old = {key: value for key, value in row.items() if key not in ("run", "version")}
+    for kept, is_known in ((row | {"version": "0.0.1"}, False), (row | {"run": "0"}, False), (of_old, True)):
+        write_json(trials[0].out / "trial.json", kept)
+        assert (finished_row(trials[0], capture) is not None) == is_known
 
 
 def test_a_trial_that_fails_does_not_stop_the_others(toy_capture: Path, tmp_path: Path) -> None:

@@ -165,6 +165,7 @@ print(json.dumps({
     "widths": list(points.GetWidthsAttr().Get(1)),
     "colors": [list(c) for c in api.GetPrimvar("displayColor").Get(1)],
     "opacity": list(api.GetPrimvar("displayOpacity").Get(1)),
+    "identity": json.loads(stage.GetRootLayer().customLayerData["aa4d"]),
 }))
 """
 
@@ -257,6 +258,7 @@ def test_usd_plays_the_points(clip: Clip, tmp_path: Path) -> None:
     stage = usd_of(clip.loaded.path.parent, tmp_path / "out")
     assert (stage["up"], stage["metres"], stage["end"]) == ("Z", 1.0, 1.0)
     assert stage["fps"] == pytest.approx(clip.path.fps)
+    assert stage["identity"] == json.loads((tmp_path / "out/export.json").read_text())["identity"]
     for index in (0, 1):
         g = clip.gaussians(index)
         np.testing.assert_allclose(stage["points"][index], g.means, atol=1e-4)
@@ -282,6 +284,8 @@ def test_4dgs_holds_every_view_and_moves_between_them(loaded: LoadedModel, tmp_p
     scene = fourdgs.read(str(path))
     assert scene.duration_sec == pytest.approx(clip.seconds(4))
     assert scene.provenance.frame.metres_per_unit == 1
+    identity = json.loads((tmp_path / "out/export.json").read_text())["identity"]
+    assert json.loads(scene.header.attributes["aa4d"]) == identity
     bounds = scene.quantization.bounds
     slack = 1e-3 + float(bounds["pos"]) + float(bounds["motion"]) * clip.seconds(1)
     for index in range(4):
@@ -328,6 +332,15 @@ def test_a_stopped_export_continues(clip: Clip, tmp_path: Path, name: str) -> No
     assert sorted(p.name for p in out.iterdir()) == ["000000.ply", "000008.ply", "export.json"]
     settings = json.loads((out / "export.json").read_text())
     assert settings["exporter"] == name
+    assert settings["identity"]["made_from"] == {"model": clip.loaded.identity.digest()}
+    (comment,) = PlyData.read(str(out / "000008.ply")).comments
+    assert json.loads(comment.removeprefix("aa4d ")) == settings["identity"]
+    of_old = {key: value for key, value in settings.items() if key != "identity"}
+    (out / "export.json").write_text(json.dumps(of_old))
+    export(clip, name, out, silent)
+    (out / "export.json").write_text(json.dumps(of_old | {"model_sha256": "0"}))
+    with pytest.raises(InputError, match="holds an export with other settings"):
+        export(clip, name, out, silent)
     assert [v["t"] for v in settings["views"]] == [v.t for v in clip.path.views]
 
 
