@@ -18,7 +18,8 @@ from torch import Tensor
 
 from aa4d import __version__
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Capture, Frame, PinholeCamera, check_frames, frame_of_index, number_of, pinhole_camera
+from aa4d.capture.reader import Capture
+from aa4d.capture.schema import Frame, PinholeCamera, check_frames, frame_of_index, number_of, pinhole_camera
 from aa4d.errors import InputError
 from aa4d.field.aggregation import AGGREGATIONS
 from aa4d.field.warping import CoordinateWarp
@@ -29,7 +30,7 @@ from aa4d.motion.groups import Groups, blank_groups
 from aa4d.motion.spline import FEWEST_CONTROLS
 
 MODEL_VERSION = 2  # the newest that is read; what no reader of version 1 would miss is still written as 1
-LONGEST_NAME = 200  # characters, of a group's name
+MAX_NAME_BYTES = 200  # characters, of a group's name
 LARGEST_SIZE = 4096  # of what the header's config counts
 
 
@@ -251,7 +252,7 @@ def _groups(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> G
             raise InputError(f"{path}: version 1 knows no rigid groups, but the file holds some; train the model again")
         return None
     try:
-        names = tuple(group["name"][:LONGEST_NAME] for group in header["groups"])
+        names = tuple(group["name"][:MAX_NAME_BYTES] for group in header["groups"])
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: the header's groups are damaged ({error!r}); train the model again") from None
     position = _tensor(tensors, "groups.position", path)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from aa4d.capture.placement import Placement
-from aa4d.capture.reader import BOXES, Boxes
 from aa4d.capture.selfcheck import ReprojectionError, SelfCheck, check_capture
+from aa4d.capture.truth import BOXES, Boxes
 from aa4d.capture.undistortion import Pictures
 from aa4d.capture.workspace import Progress, Step, StepResult, Workspace
 from aa4d.capture.writing import digests_of_written, publish, write_capture
@@ -64,4 +64,4 @@ def forget_damaged(out: Path, workspace: Workspace) -> None:
     if damaged:
         workspace.forget(NAME)
     if any(name.endswith(".png") for name in damaged):
-        workspace.forget("pictures")  # of which frames/ and movers/ are second names
+        workspace.forget("pictures")  # frames/ and movers/ are second names of its files

@@ -15,7 +15,7 @@ from aa4d.capture.workspace import StepResult
 
 @dataclass(frozen=True)
 class Position:
-    """Of the camera, by satellite: degrees, and metres above any one level."""
+    """Position of the camera, by satellite: degrees, and metres above any one level."""
 
     latitude_deg: float
     longitude_deg: float
@@ -28,7 +28,7 @@ class Picture:
 
     label: str  # what people call it: a file name, or the second of a video
     time_s: float
-    number: int | None  # by which annotation files name it
+    number: int | None  # its name in annotation files
     load: Callable[[], NDArray[np.uint8]]  # [H, W, 3] sRGB, upright; raises InputError
     original: Path | None = None  # a file that holds exactly these pixels, JPEG or PNG
     position: Position | None = None
@@ -36,7 +36,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class ClipFrame:
-    file: str  # in the clip's folder
+    file: str  # name in the clip's folder
     label: str
     time_s: float
     number: int | None

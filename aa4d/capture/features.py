@@ -14,13 +14,13 @@ from aa4d.capture.movers import Masks
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress, Step, StepResult
 
-USUAL_FOCAL = 0.8  # of the longest side: between the wide lens of most drones and the next longer one
-FRAMES_A_THREAD = 2  # in a block
+USUAL_FOCAL = 0.8  # fraction of the longest side: between the wide lens of most drones and the next longer one
+FRAMES_A_THREAD = 2  # size of a block
 
 
 @dataclass(frozen=True)
 class Features(StepResult):
-    features: tuple[int, ...]  # of each frame
+    features: tuple[int, ...]  # number of each frame's
 
     @property
     def database(self) -> Path:

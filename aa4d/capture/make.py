@@ -51,7 +51,7 @@ def make_capture(
     """
     for given in (path.resolve(), out.resolve()):
         if given != Path(os.fsencode(given).decode("utf-8", errors="replace")):
-            raise InputError(f"{given}: has a name that is no text (UTF-8), which no report could show; rename it")
+            raise InputError(f"{given}: file name is not valid UTF-8; rename it")
     if annotations is not None and settings.movers == "off":
         raise InputError(
             f"{annotations}: boxes are for masks, which --movers off switches off; leave out one of the two"

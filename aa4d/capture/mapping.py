@@ -19,9 +19,9 @@ from aa4d.capture.settings import CaptureSettings, Reconstruction
 from aa4d.capture.workspace import Progress, Step, StepResult
 from aa4d.errors import InputError
 
-FEWEST = 3  # frames of a model that is worth keeping
-FEWEST_POINTS = 30
-ENOUGH = 0.5  # of the frames: with less, mapping is tried again with the relaxed thresholds
+MIN_FRAMES = 3  # with fewer, a model is not worth keeping
+MIN_POINTS = 30
+MIN_REGISTERED_FRACTION = 0.5  # fraction of the frames: with less, mapping is tried again with the relaxed thresholds
 PARALLAX_DEG = 0.5  # median angle under which a point is seen; less is a camera that only turns
 
 
@@ -36,9 +36,9 @@ class Attempt:
 
 
 ATTEMPTS = (Attempt(16, 100, 30, 1.5), Attempt(4, 50, 20, 0.7), Attempt(1.5, 30, 15, 0.3))
-# Of the picture's longest side: 100 to 14 degrees across. Over flat ground, a wrong focal length explains the frames as
+# Fractions of the longest side: 100 to 14 degrees across. Over flat ground, a wrong focal length explains the frames as
 # well as the right one; where what is found lies outside, the guess is kept instead.
-SHORTEST_FOCAL, LONGEST_FOCAL = 0.42, 4.0
+MIN_FOCAL, MAX_FOCAL = 0.42, 4.0
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class Cameras(StepResult):
     """A COLMAP model of the clip's frames. Frames are named by their ranks in the clip."""
 
     registered: tuple[int, ...]  # those with a pose
-    other_models: tuple[list[int], ...]  # of models that could not be joined with this one
-    attempts: int  # of ATTEMPTS; 0 where the cameras were given
+    other_models: tuple[list[int], ...]  # ranks in models that could not be joined with this one
+    attempts: int  # number of ATTEMPTS made; 0 where the cameras were given
     focal_was_kept: bool  # the guess, as the frames gave an impossible one
     median_angle_deg: float  # the widest under which a point is seen
 
@@ -56,7 +56,7 @@ class Cameras(StepResult):
         return pycolmap.Reconstruction(self.folder / "model")
 
     def notes(self, clip: Clip) -> list[str]:
-        """What the model leaves out, in words: frames without a pose, and the other models."""
+        """Notes on what the model leaves out: frames without a pose, and the other models."""
         said = []
         if self.attempts > 1:
             said.append(f"the cameras were found with lowered thresholds, at attempt {self.attempts}: see the report")
@@ -116,7 +116,7 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
             models = _map(clip, database, _options(how, attempt, solve_focal, threads, seed), tries, progress)
         if _registered(models) > _registered(best):
             best = models
-        if _registered(best) >= ENOUGH * len(names):
+        if _registered(best) >= MIN_REGISTERED_FRACTION * len(names):
             break
     if not best:
         raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice(geometry, focal_is_known)}")
@@ -136,7 +136,7 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
     return Cameras(
         folder,
         registered=tuple(registered),
-        other_models=tuple(ranks for ranks in others if len(ranks) >= FEWEST),
+        other_models=tuple(ranks for ranks in others if len(ranks) >= MIN_FRAMES),
         attempts=number + 1,
         focal_was_kept=not solve_focal and not focal_is_known,
         median_angle_deg=float(np.median(angles)),
@@ -149,7 +149,7 @@ def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, thre
     options.random_seed = seed
     options.mapper.random_seed = seed
     options.triangulation.random_seed = seed
-    options.min_model_size = FEWEST
+    options.min_model_size = MIN_FRAMES
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = solve_focal
     options.ba_global_max_refinements = settings.global_refinements
     options.ba_global_frames_ratio = options.ba_global_points_ratio = settings.grown_by
@@ -175,13 +175,13 @@ def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progre
         ),
         lambda: progress(min(registered[0] + 2 if registered[0] else 0, len(clip.frames)), len(clip.frames)),
     )
-    return {i: model for i, model in found.items() if model.num_reg_images() >= FEWEST}
+    return {i: model for i, model in found.items() if model.num_reg_images() >= MIN_FRAMES}
 
 
 def has_usual_focal(model: Any) -> bool:
-    """Whether a field of view is one that cameras have."""
+    """True where the field of view is one that cameras have."""
     return all(
-        SHORTEST_FOCAL <= camera.mean_focal_length() / max(camera.width, camera.height) <= LONGEST_FOCAL
+        MIN_FOCAL <= camera.mean_focal_length() / max(camera.width, camera.height) <= MAX_FOCAL
         for camera in model.cameras.values()
     )
 
@@ -196,11 +196,11 @@ def _ranks(model: Any, names: list[str]) -> list[int]:
 
 def triangulation_angles_deg(model: Any) -> np.ndarray:
     """The widest angle [P] under which each point is seen, from at most ten of its frames."""
-    centres = {i: model.image(i).projection_center() for i in model.reg_image_ids()}
+    centers = {i: model.image(i).projection_center() for i in model.reg_image_ids()}
     angles = []
     for point in model.points3D.values():
         ids = list({element.image_id for element in point.track.elements})
-        chosen = np.array([centres[i] for i in ids[:: max(1, len(ids) // 10)]])
+        chosen = np.array([centers[i] for i in ids[:: max(1, len(ids) // 10)]])
         rays = chosen - point.xyz
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         angles.append(np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1).min())))
@@ -218,7 +218,7 @@ def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: P
     model = run(
         lambda token: pycolmap.triangulate_points(model, matches, clip.folder, target, cancellation_token=token),
     )
-    if model.num_points3D() < FEWEST_POINTS:
+    if model.num_points3D() < MIN_POINTS:
         raise InputError(
             f"{NOTHING_RECONSTRUCTED}: the given cameras see no common points; do the poses belong to these frames?"
         )

@@ -1,4 +1,4 @@
-"""Which frames are compared, and their verified matches.
+"""Pairs of frames to compare, and their verified matches.
 
 A video's frames overlap with those around them: each is matched with the `window` frames after it and with those at
 twice, four times, ... that distance. A drone comes back to what it has seen: `keyframes` frames, spread over the clip,
@@ -21,13 +21,13 @@ from aa4d.capture.features import Features
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress, Step, StepResult
 
-PAIRS_A_THREAD = 10  # in a block: stored together, what a stopped run keeps
+PAIRS_A_THREAD = 10  # size of a block, which is stored whole: what a stopped run keeps
 
 
 @dataclass(frozen=True)
 class Matches(StepResult):
-    pairs: int  # that were compared
-    verified: int  # of which a geometry holds
+    pairs: int  # compared
+    verified: int  # a geometry holds for so many
     geometry: dict[str, int]  # how many of them are of each kind, by COLMAP's names
     gaps: tuple[int, ...]  # frames that have nothing in common with the next
 

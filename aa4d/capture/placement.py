@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from aa4d.capture.annotations import Annotations
 from aa4d.capture.clip import Clip
 from aa4d.capture.mapping import Cameras
-from aa4d.capture.orientation import World, centres_of, find_world, kept_world
-from aa4d.capture.reader import FARTHEST_M, Boxes, PinholeCamera
+from aa4d.capture.orientation import World, centers_of, find_world, kept_world
+from aa4d.capture.schema import FARTHEST_M, PinholeCamera
 from aa4d.capture.settings import CaptureSettings
 from aa4d.capture.sources import Source
+from aa4d.capture.truth import Boxes
 from aa4d.capture.undistortion import pinhole_boxes, pinhole_of, pinhole_pixels, viewmat_of
 from aa4d.capture.writing import Cloud, Shot
 from aa4d.errors import InputError
@@ -124,7 +125,7 @@ def points_of(model: Any) -> Cloud:
 
 
 def _check_reach(path: Path, shots: list[Shot], world: World) -> None:
-    reach = np.abs(centres_of(np.array([shot.viewmat for shot in shots]))).max(axis=1)
+    reach = np.abs(centers_of(np.array([shot.viewmat for shot in shots]))).max(axis=1)
     if reach.max() > FARTHEST_M:
         raise InputError(
             f"{path}: the camera of {shots[int(reach.argmax())].label} would lie {reach.max():.3g} from the origin "

@@ -18,7 +18,8 @@ from aa4d.capture.clip import Clip
 from aa4d.capture.mapping import Cameras
 from aa4d.capture.matching import Matches
 from aa4d.capture.placement import Placement
-from aa4d.capture.reader import PinholeCamera, read_capture
+from aa4d.capture.reader import read_capture
+from aa4d.capture.schema import PinholeCamera
 from aa4d.capture.selfcheck import SelfCheck
 from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.writing import Cloud, Shot
@@ -43,7 +44,7 @@ def write_report(
     )
     shots, pinhole = placement.shots, placement.pinhole
     capture = read_capture(made.folder).identity
-    centres = np.array([-s.viewmat[:3, :3].T @ s.viewmat[:3, 3] for s in shots])
+    centers = np.array([-s.viewmat[:3, :3].T @ s.viewmat[:3, 3] for s in shots])
     right, down, ahead = (np.array([s.viewmat[axis, :3] for s in shots]) for axis in range(3))
     html = environment.get_template("report.html.jinja").render(
         identity=Identity("report", digest_of({"version": __version__}), {"capture": capture.digest()}).as_text(),
@@ -58,7 +59,7 @@ def write_report(
         frame_errors=_svg_bars([checked.frame_px.get(s.name, 0.0) for s in shots]),
         histogram=_svg_bars(checked.histogram),
         pictures=[_picture(made.folder, shots[i]) for i in spread(len(shots))],
-        view=_view(placement.cloud, centres, right, down, ahead, pinhole),
+        view=_view(placement.cloud, centers, right, down, ahead, pinhole),
     )
     write_text(made.report, html)
 
@@ -69,29 +70,29 @@ def spread(count: int) -> list[int]:
 
 def _view(
     cloud: Cloud,
-    centres: NDArray[np.float64],
+    centers: NDArray[np.float64],
     right: NDArray[np.float64],
     down: NDArray[np.float64],
     ahead: NDArray[np.float64],
     pinhole: PinholeCamera,
 ) -> dict[str, Any]:
-    """What the page's 3D view draws, centred and at unit size: points, colours, camera frusta."""
+    """Contents of the page's 3D view, centered and at unit size: points, colors, camera frusta."""
     chosen = np.random.default_rng(0).permutation(len(cloud.positions))[:SHOWN_POINTS]
     points, colors = cloud.positions[chosen], cloud.colors[chosen]
     middle = np.median(points, axis=0)
     # Nine tenths of the points and all cameras fill the view.
     reach = max(
         float(np.percentile(np.linalg.norm(points - middle, axis=1), 90)),
-        float(np.linalg.norm(centres - middle, axis=1).max()),
+        float(np.linalg.norm(centers - middle, axis=1).max()),
     )
     depth = 0.06 * reach
     half_width = 0.5 * pinhole.width / pinhole.K[0, 0] * depth
     half_height = 0.5 * pinhole.height / pinhole.K[1, 1] * depth
     corners = [
-        centres + depth * ahead + x * half_width * right + y * half_height * down
+        centers + depth * ahead + x * half_width * right + y * half_height * down
         for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
-    frusta = np.stack([centres, *corners], axis=1)
+    frusta = np.stack([centers, *corners], axis=1)
     return {
         "points": _base64(((points - middle) / reach).astype("<f4")),
         "colors": _base64(colors),

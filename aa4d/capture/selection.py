@@ -24,8 +24,8 @@ from aa4d.errors import InputError
 SHARPNESS_PX = 640  # sharpness and repetition are judged on pictures of that width
 THUMBNAIL = (64, 36)
 NEIGHBOURS = 5  # sharpness is compared with the median of so many frames to each side
-MOST_OBLONG = 20  # a side of the other: beyond, smaller pictures would have no pixel across
-FEWEST = 3  # frames, for a reconstruction
+MAX_ASPECT_RATIO = 20  # beyond, smaller pictures would have no pixel across
+MIN_FRAMES = 3  # for a reconstruction
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def make_clip(
         ("blurred", _blurred(kept, selection.blurred_below)),
     ):
         _reject(kept, rejected, reason, folder, notes)
-    if len(kept) < FEWEST:
+    if len(kept) < MIN_FRAMES:
         raise InputError(_too_few(kept, notes))
     width, height = _size_of(folder / kept[0].file)
     frames = tuple(
@@ -113,7 +113,7 @@ def is_within(time_s: float, selection: Selection) -> bool:
 
 
 def _ticks(within: list[float], selection: Selection) -> Callable[[float], int]:
-    """Which frame of the clip a time falls to: by the rate, else so that `most_frames` are spread over all times."""
+    """The frame of the clip that a time falls to: by the rate, else so that `most_frames` are spread over all times."""
     rate = selection.rate
     if rate is not None:
         return lambda time_s: int((time_s - selection.start_s) * rate)
@@ -128,7 +128,7 @@ def _sharpest(
     folder: Path,
     notes: list[str],
 ) -> Iterator[Candidate]:
-    """Of the pictures in range that fall to one tick, the sharpest."""
+    """The sharpest of the pictures in range that fall to one tick."""
     best: tuple[float, Picture, NDArray[np.uint8]] | None = None
     tick, written = None, 0
     for picture in pictures:
@@ -139,7 +139,7 @@ def _sharpest(
         this = tick_of(picture.time_s)
         try:
             pixels = picture.load()
-            if max(pixels.shape[:2]) > MOST_OBLONG * min(pixels.shape[:2]):
+            if max(pixels.shape[:2]) > MAX_ASPECT_RATIO * min(pixels.shape[:2]):
                 raise InputError(f"{pixels.shape[1]}x{pixels.shape[0]} pixels are no frame of a camera")
         except InputError as error:
             notes.append(f"{picture.label} left out: {error}")
@@ -234,4 +234,4 @@ def _too_few(kept: list[Candidate], notes: list[str]) -> str:
     reasons = "; ".join(notes if len(notes) <= 3 else [*notes[:2], f"and {len(notes) - 2} more notes"])
     found = f"{len(kept)} usable frame{'' if len(kept) == 1 else 's'}"
     advice = "give a longer clip, a higher --rate, or a range (--start, --end) in which the drone moves"
-    return f"{found}, and at least {FEWEST} are needed{f' ({reasons})' if reasons else ''}; {advice}"
+    return f"{found}, and at least {MIN_FRAMES} are needed{f' ({reasons})' if reasons else ''}; {advice}"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.errors import InputError
 
-LARGEST_ERROR_PX = 3.0  # median reprojection error, in the frames that were reconstructed from
-LARGEST_COLOR = 60.0  # median difference of a point's colour from the pixel it falls on, of 255
+MAX_ERROR_PX = 3.0  # median reprojection error, in the frames that were reconstructed from
+MAX_COLOR_DIFFERENCE = 60.0  # median difference of a point's colour from the pixel it falls on, of 255
 COMPARED_FRAMES = 5
 
 Floats = NDArray[np.float64]
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReprojectionError:
-    """Of all observations, in pixels of the capture's frames."""
+    """Error of all observations, in pixels of the capture's frames."""
 
     median: float
     mean: float
@@ -57,7 +57,7 @@ def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], 
         raise InputError("the self-check failed: no frame shows any point; reconstruct with --preset accurate")
     every = np.concatenate(list(errors.values()))
     color = _color_difference(capture)
-    if float(np.median(every)) > LARGEST_ERROR_PX * shrunk or color > LARGEST_COLOR:
+    if float(np.median(every)) > MAX_ERROR_PX * shrunk or color > MAX_COLOR_DIFFERENCE:
         size = f"{capture.camera.width}x{capture.camera.height}"
         raise InputError(
             f"the self-check failed (reprojection error {np.median(every):.1f} px in frames of {size}, colours "
@@ -104,5 +104,5 @@ def _color_difference(capture: Capture) -> float:
 
 def _steps(capture: Capture) -> list[float]:
     """Distances between successive cameras: a jump is a frame in the wrong place."""
-    centres = np.array([-f.viewmat[:3, :3].T @ f.viewmat[:3, 3] for f in capture.frames])
-    return [float(d) for d in np.linalg.norm(np.diff(centres, axis=0), axis=1)]
+    centers = np.array([-f.viewmat[:3, :3].T @ f.viewmat[:3, 3] for f in capture.frames])
+    return [float(d) for d in np.linalg.norm(np.diff(centers, axis=0), axis=1)]

@@ -1,4 +1,4 @@
-"""What was made of a clip, for the command and the report."""
+"""Summary of a finished capture, for the command and the report."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from aa4d.capture.orientation import World
 @dataclass(frozen=True)
 class CaptureSummary:
     folder: Path
-    frames: int  # in the capture
+    frames: int  # number in the capture
     used: int  # frames of the input that were tried
     points: int
     reprojection_px: float  # median, in frames of that size
-    size: tuple[int, int]  # of the capture's frames: width and height
+    size: tuple[int, int]  # width and height of the capture's frames
     fov_deg: float  # horizontal, of the capture's frames
     world: World
     movers: str  # how they were found, and how much of the frames they cover

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from aa4d.capture.clip import Clip
 from aa4d.capture.movers import Masks, mask_path, read_mask
 from aa4d.capture.pictures import read_picture, save_png
-from aa4d.capture.reader import PinholeCamera
+from aa4d.capture.schema import PinholeCamera
 from aa4d.capture.workspace import Progress, Step, StepResult
 
 Floats = NDArray[np.float64]
@@ -137,7 +137,7 @@ class Undistortion:
 
 
 def pinhole_pixels(camera: Any, pinhole: PinholeCamera, pixels: Floats) -> Floats:
-    """Where pixels [M, 2] of a COLMAP camera lie in the pinhole picture."""
+    """Places in the pinhole picture of pixels [M, 2] of a COLMAP camera."""
     rays: Floats = np.asarray(camera.cam_from_img(pixels))
     on_picture: Floats = rays * [pinhole.K[0, 0], pinhole.K[1, 1]] + [pinhole.K[0, 2], pinhole.K[1, 2]]
     return on_picture

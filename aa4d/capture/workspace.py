@@ -22,7 +22,7 @@ from aa4d.errors import InputError
 from aa4d.files import write_json
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-# What a step tells whoever watches: units done, units in all (None while unknown).
+# Called by a step for whoever watches: units done, units in all (None while unknown).
 Progress = Callable[[int, int | None], None]
 
 
@@ -32,7 +32,7 @@ class DiskFullError(InputError):
 
 @dataclass(frozen=True)
 class StepResult:
-    """Base of what a step has made: its files, and fields that later steps and the report need, kept as JSON."""
+    """Base of the results of steps: its files, and fields that later steps and the report need, kept as JSON."""
 
     folder: Path
 
@@ -53,7 +53,7 @@ R = TypeVar("R", bound=StepResult)
 
 @dataclass(frozen=True)
 class Step(Generic[R]):
-    name: str  # of its folder
+    name: str  # name of its folder
     settings: Any  # all that the result depends on, besides the steps before: anything that JSON holds
     run: Callable[[Path, Progress], R]  # makes the step's files in the folder
     result: type[R]
@@ -115,7 +115,7 @@ class Workspace:
         return step.result.from_json(folder, result)
 
     def earlier(self, name: str, kind: type[R]) -> R | None:
-        """What that step made when it was last done, under whatever settings."""
+        """The result of that step when it was last done, under whatever settings."""
         record = _read(self.folder / name / "done.json")
         return None if record is None else _result(kind, self.folder / name, record)
 

@@ -14,7 +14,9 @@ from plyfile import PlyData, PlyElement
 
 from aa4d import __version__
 from aa4d.capture.content import CHECKSUMS, content_of, digests_of
-from aa4d.capture.reader import BOXES, CAPTURE_VERSION, FARTHEST_M, Boxes, PinholeCamera
+from aa4d.capture.reader import CAPTURE_VERSION
+from aa4d.capture.schema import FARTHEST_M, PinholeCamera
+from aa4d.capture.truth import BOXES, Boxes
 from aa4d.files import whole_file, write_json, write_text
 from aa4d.identity import Identity, digest_of_file
 
@@ -30,7 +32,7 @@ class Shot:
     """One frame of the capture."""
 
     name: str
-    label: str  # in the source
+    label: str  # name in the source
     time_s: float
     viewmat: Floats  # [4, 4]
 
@@ -141,7 +143,7 @@ def _write_points(path: Path, positions: Floats, colors: NDArray[np.uint8]) -> N
     for name, values in zip(("x", "y", "z", "red", "green", "blue"), (*positions.T, *colors.T), strict=True):
         vertex[name] = values
     with whole_file(path) as temporary:
-        PlyData([PlyElement.describe(vertex, "vertex")]).write(str(temporary))
+        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(temporary))
 
 
 def _write_transforms(path: Path, camera: PinholeCamera, shots: list[Shot]) -> None:

@@ -71,7 +71,7 @@ def capture(
 ) -> None:
     """Make a capture from a drone video or its frames: cameras, points, masks of movers. Continues where it stopped."""
     from aa4d.capture.make import make_capture
-    from aa4d.capture.reader import FARTHEST_M, MOST_PX
+    from aa4d.capture.schema import FARTHEST_M, MAX_SIDE_PX
     from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 
     for name, value, least, most in (
@@ -80,8 +80,8 @@ def capture(
         ("--end", end, 0, 1e9),
         ("--max-frames", max_frames, 3, 1e6),
         ("--fps", fps, 1e-3, 1e6),
-        ("--longest-px", longest_px, 64, MOST_PX),
-        ("--size", size, 64, MOST_PX),
+        ("--longest-px", longest_px, 64, MAX_SIDE_PX),
+        ("--size", size, 64, MAX_SIDE_PX),
         ("--altitude", altitude, 1e-3, FARTHEST_M),
         ("--fov", fov, 1, 150),
         ("--seed", seed, 0, 2**31 - 1),

@@ -63,7 +63,7 @@ def export(
     elif seen_from == "mean":
         eye = mean_eye(path_of_frames(loaded, "all"))
     else:
-        eye = view_of_frame(loaded, seen_from).centre()
+        eye = view_of_frame(loaded, seen_from).center()
     folder = out or run / "export" / f"{format}-{name}{'' if eye is None else f'-from-{seen_from}'}"
     if out is None and axes != "world":
         folder = folder.with_name(f"{folder.name}-{axes}")

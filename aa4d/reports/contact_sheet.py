@@ -32,28 +32,28 @@ def plot(measured: Path, picture: Path) -> None:
     tight = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0, hspace=0)
     figure = Figure(figsize=(4 * across, len(rows) * across * height / width + 0.45), layout=tight)
     axes = figure.subplots(len(rows), 4, squeeze=False)
-    colours = ListedColormap([colour for _, colour in ACTIVITY])
+    colors = ListedColormap([color for _, color in ACTIVITY])
     for row, cells in zip(rows, axes, strict=True):
         folder = measured.parent / row["scene"]
         with np.load(folder / "truth.npz", allow_pickle=False) as truth:
             depth, flow = truth["depth_z"], truth["flow_forward"]
         cells[0].imshow(imread(folder / "frame.png"))
         cells[1].imshow(np.log(depth), cmap="viridis_r")  # the sky is infinite, and stays white
-        cells[2].imshow(flow_colours(flow))
+        cells[2].imshow(flow_colors(flow))
         labels = np.round(255 * imread(folder / "activity.png"))
-        cells[3].imshow(labels, cmap=colours, vmin=0, vmax=len(ACTIVITY) - 1, interpolation="nearest")
+        cells[3].imshow(labels, cmap=colors, vmin=0, vmax=len(ACTIVITY) - 1, interpolation="nearest")
         cells[0].set_ylabel(row["scene"])
     for axis, title in zip(axes[0], ("frame", "depth", "flow to the next frame", "activity"), strict=True):
         axis.set_title(title, fontsize=10)
     for axis in axes.ravel():
         axis.set(xticks=[], yticks=[])
         axis.spines[:].set_visible(False)
-    patches = [Patch(facecolor=colour, edgecolor="#999999", label=name) for name, colour in ACTIVITY]
+    patches = [Patch(facecolor=color, edgecolor="#999999", label=name) for name, color in ACTIVITY]
     figure.legend(handles=patches, loc="outside lower right", ncols=len(patches), fontsize=9, frameon=False)
     figure.savefig(picture, dpi=110)
 
 
-def flow_colours(flow: Any) -> Any:
+def flow_colors(flow: Any) -> Any:
     """RGB [H, W, 3] of a flow [H, W, 2]: hue says where to, brightness how far; unknown flow is white."""
     import numpy as np
     from matplotlib.colors import hsv_to_rgb

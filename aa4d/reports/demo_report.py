@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from aa4d import __version__
-from aa4d.capture.reader import Capture, moving_mask, read_image
+from aa4d.capture.reader import Capture, read_image
+from aa4d.capture.truth import moving_mask
 from aa4d.errors import InputError
 from aa4d.evaluation.plots import psnr_figure
 from aa4d.files import read_json_object, write_text

@@ -19,7 +19,8 @@ from rich.table import Table
 from torch.autograd.profiler import profile
 
 from aa4d import _native
-from aa4d.capture.reader import Capture, Frame, PinholeCamera
+from aa4d.capture.reader import Capture
+from aa4d.capture.schema import Frame, PinholeCamera
 from aa4d.files import write_json
 from aa4d.identity import Identity
 from aa4d.model import ModelConfig

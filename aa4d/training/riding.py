@@ -11,7 +11,8 @@ from torch import Tensor, nn
 
 from aa4d.anchors.canonical import Anchors, spacing
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Boxes, Capture, boxes_of, read_images
+from aa4d.capture.reader import Capture, read_images
+from aa4d.capture.truth import Boxes, boxes_of
 from aa4d.errors import InputError
 from aa4d.model import AdaAnchor4D
 from aa4d.motion.boxes import box_tracks

@@ -309,7 +309,7 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
     assert "notes\\xff.txt left out: no picture" in made.notes
     assert "fr\\xe9me_0000.png" in made.report.read_text()
     assert made.frames == 9
-    with pytest.raises(InputError, match="has a name that is no text"):
+    with pytest.raises(InputError, match="file name is not valid UTF-8"):
         make_capture(source, tmp_path / os.fsdecode(b"\xe9"), SETTINGS, None, silent)
 
 

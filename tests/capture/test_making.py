@@ -23,10 +23,11 @@ from aa4d.capture import colmap
 from aa4d.capture.advice import field_of_view_advice, no_model_advice
 from aa4d.capture.make import make_capture
 from aa4d.capture.orientation import umeyama
-from aa4d.capture.reader import moving_mask, read_capture, read_images
+from aa4d.capture.reader import read_capture, read_images
 from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.summary import CaptureSummary
+from aa4d.capture.truth import moving_mask
 from aa4d.capture.workspace import Progress
 from aa4d.errors import InputError
 from tests.capture import aerial

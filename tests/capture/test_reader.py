@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aa4d.capture.reader import boxes_of, moving_mask, read_capture, read_image, read_images
+from aa4d.capture.reader import read_capture, read_image, read_images
+from aa4d.capture.truth import boxes_of, moving_mask
 from aa4d.errors import InputError
 
 
@@ -57,7 +58,7 @@ def test_moving_pixels_are_those_of_instances_that_move_at_that_frame(toy_captur
         (lambda d: d["frames"][3].update(split="validation"), 'expected "train" or "test"'),
         (lambda d: d["frames"][3].update(t=0.0), "does not follow"),
         (lambda d: d["frames"][3].update(t=math.inf), "finite number"),
-        (lambda d: d["frames"][3].update(name="000002"), "stands twice"),
+        (lambda d: d["frames"][3].update(name="000002"), "duplicate frame name"),
         (lambda d: d["frames"].clear(), '"frames" is missing or empty'),
         (lambda d: [f.update(split="test") for f in d["frames"]], "no training frame"),
         (lambda d: d.update(version=2), "update aa4d"),

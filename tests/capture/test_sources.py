@@ -17,10 +17,12 @@ from aa4d.capture.clip import Clip, ClipFrame
 from aa4d.capture.intrinsics import check_intrinsics
 from aa4d.capture.make import make_capture
 from aa4d.capture.movers import box_mask, write_masks
-from aa4d.capture.reader import PinholeCamera, boxes_of, moving_mask, read_capture
+from aa4d.capture.reader import read_capture
+from aa4d.capture.schema import PinholeCamera
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.sources import open_source
 from aa4d.capture.sources.posed import same_shape
+from aa4d.capture.truth import boxes_of, moving_mask
 from aa4d.capture.workspace import Progress
 from aa4d.capture.writing import Cloud, Shot, write_capture
 from aa4d.errors import InputError

@@ -9,7 +9,8 @@ import pytest
 import torch
 from PIL import Image
 
-from aa4d.capture.reader import Capture, depth_of, instance_ids_of, read_capture
+from aa4d.capture.reader import Capture, read_capture
+from aa4d.capture.truth import depth_of, instance_ids_of
 from aa4d.commands.evaluate import metrics_table, motion_rows
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate

@@ -99,9 +99,9 @@ def test_the_viewers_axes_have_the_sky_up() -> None:
 def test_whose_view_is_kept(clip: Clip) -> None:
     """Anchors decode by direction: each view's own camera, or one for all."""
     first, last = clip.path.views
-    assert np.array_equal(clip.gaussians(0).colors, world_gaussians(clip.loaded, first.t, first.centre()).colors)
+    assert np.array_equal(clip.gaussians(0).colors, world_gaussians(clip.loaded, first.t, first.center()).colors)
     eye = mean_eye(clip.path)
-    assert eye == pytest.approx((first.centre() + last.centre()) / 2)
+    assert eye == pytest.approx((first.center() + last.center()) / 2)
     fixed = replace(clip, eye=eye)
     assert np.array_equal(fixed.gaussians(1).colors, world_gaussians(clip.loaded, last.t, eye).colors)
     far = world_gaussians(clip.loaded, first.t, np.array([300.0, 0, 5]))

@@ -56,8 +56,8 @@ def test_frames_of_a_split_last_as_long_as_the_clip(loaded: LoadedModel) -> None
 def test_a_path_file_says_where_and_when(loaded: LoadedModel, tmp_path: Path) -> None:
     path = read_camera_path(write(tmp_path / "path.json"), loaded)
     assert [(v.name, v.t) for v in path.views] == [("000000", 0.0), ("aside", 0.5)]
-    assert path.views[0].centre() == pytest.approx([0, 0, 20])
-    assert path.views[1].centre() == pytest.approx([-20, 0, 20])
+    assert path.views[0].center() == pytest.approx([0, 0, 20])
+    assert path.views[1].center() == pytest.approx([-20, 0, 20])
     assert path.camera.width == loaded.camera.width
     own = {"model": "PINHOLE", "width": 64, "height": 36, "K": [[50, 0, 32], [0, 50, 18], [0, 0, 1]]}
     assert read_camera_path(write(tmp_path / "path.json", camera=own), loaded).camera.width == 64
@@ -97,7 +97,7 @@ def test_resampling_passes_through_every_view_and_keeps_to_the_arc() -> None:
     for view in fine.views:
         rotation = view.viewmat[:3, :3]
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-        assert np.hypot(*view.centre()[:2]) == pytest.approx(30, abs=0.01)
+        assert np.hypot(*view.center()[:2]) == pytest.approx(30, abs=0.01)
         # It goes on looking at the middle.
         x, y, z = view.viewmat[:3, 3]
         assert abs(x / z) < 1e-3

@@ -1,4 +1,4 @@
-"""What `aa4d capture` reads: a registry of kinds of input. A new kind is one module and one entry."""
+"""Inputs of `aa4d capture`: a registry of kinds of input. A new kind is one module and one entry."""
 
 from __future__ import annotations
 
