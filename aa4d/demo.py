@@ -40,7 +40,7 @@ class Stage:
     """
 
     name: str
-    says: str
+    description: str
     inputs: tuple[Path, ...]
     outputs: tuple[Path, ...]
     run: Callable[[], None]
@@ -85,7 +85,7 @@ def run_demo(
             seconds = record.seconds[stage.name]
             console.print(f"[bold]{stage.name}[/bold]: done before ({seconds:.0f} s)", highlight=False, markup=True)
             continue
-        console.print(f"[bold]{stage.name}[/bold]: {escape(stage.says)}", highlight=False, markup=True)
+        console.print(f"[bold]{stage.name}[/bold]: {escape(stage.description)}", highlight=False, markup=True)
         with record.running(stage):
             stage.run()
     metrics = read_json_object(out / "metrics.json", "the metrics of an evaluation")
@@ -203,7 +203,7 @@ def check(code: int) -> None:
     if code in (2, 130):
         sys.exit(code)
     if code != 0:
-        raise InputError(f"that stage failed with exit code {code}; what it printed stands above")
+        raise InputError(f"that stage failed with exit code {code}; see its output above")
 
 
 class Record:

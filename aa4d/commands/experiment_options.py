@@ -13,7 +13,7 @@ from tyro.conf import OmitArgPrefixes, arg
 class ExperimentOptions:
     out: Annotated[Path, arg(help="Folder for the runs and the tables.")]
     seeds: Annotated[int, arg(help="Runs of each variant on each capture; they make the spread.")] = 3
-    preset: Annotated[Literal["quick", "standard", "paper"], arg(help="As of `aa4d train`.")] = "quick"
+    preset: Annotated[Literal["quick", "standard", "paper"], arg(help="Same presets as `aa4d train`.")] = "quick"
     iterations: Annotated[
         tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
     ] = None
@@ -21,7 +21,7 @@ class ExperimentOptions:
         Literal["none", "tracks"],
         arg(help="none: the paper's model. tracks: every variant with anchors that ride on found tracks."),
     ] = "none"
-    jobs: Annotated[int, arg(help="Runs at a time; with several, each has one thread.")] = 1
+    jobs: Annotated[int, arg(help="Number of runs in parallel; with several, each has one thread.")] = 1
 
 
 Options = OmitArgPrefixes[ExperimentOptions]

@@ -69,4 +69,4 @@ def export(
         folder = folder.with_name(f"{folder.name}-{axes}")
     with step_progress("views") as progress:
         run_export(Clip(loaded, flown, eye, axes), format, folder, progress)
-    console.print(f"{EXPORTERS[format].says}: {folder}", highlight=False, soft_wrap=True)
+    console.print(f"{EXPORTERS[format].description}: {folder}", highlight=False, soft_wrap=True)

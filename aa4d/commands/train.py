@@ -26,7 +26,7 @@ def train(
     iterations: Annotated[
         tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
     ] = None,
-    seed: Annotated[int, arg(help="Of everything random.")] = 0,
+    seed: Annotated[int, arg(help="Random seed.")] = 0,
     dlgd: Annotated[bool, arg(help="Let offsets and scales deform (paper, section 4.3).")] = True,
     dacw: Annotated[bool, arg(help="Warp the query coordinates by the anchors' density (paper, section 4.4).")] = True,
     motion: Annotated[

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import matplotlib
 import numpy as np
@@ -23,7 +22,6 @@ from aa4d.model_file import LoadedModel
 from aa4d.raster.types import Output, Rendering
 from aa4d.rendering import render
 
-LayerName = Literal["color", "depth", "alpha", "activity", "motion", "speed", "movers"]
 SPATIOTEMPORAL = [p for p, plane in enumerate(PLANES) if plane[1] == "t"]
 NOTHING = 0.01  # alpha below which a pixel shows nothing to colour
 BLACK = (0, 0, 0)  # what such a pixel gets

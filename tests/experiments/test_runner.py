@@ -98,7 +98,7 @@ def test_a_row_of_another_version_is_measured_again(toy_capture: Path, tmp_path:
 def test_a_trial_that_fails_does_not_stop_the_others(toy_capture: Path, tmp_path: Path) -> None:
     broken = Experiment("one", "One", (Variant("bad", {"aggregation": "vote"}), Variant("good")))
     watcher = Quiet()
-    with pytest.raises(InputError, match=r"1 of 2 runs failed, the first so: aggregation 'vote' is unknown"):
+    with pytest.raises(InputError, match=r"1 of 2 runs failed; first error: aggregation 'vote' is unknown"):
         run_experiment(broken, trials_of(broken, [toy_capture], tmp_path / "x", TINY, 1), tmp_path / "x", 1, watcher)
     with (tmp_path / "x/rows.csv").open() as file:
         assert [row["variant"] for row in csv.DictReader(file)] == ["good"]
