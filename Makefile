@@ -2,7 +2,7 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
-NATIVE := $(shell find aa4d/raster/csrc aa4d/kernels/csrc -type f 2>/dev/null)
+NATIVE := $(shell find aa4d/_native -type f 2>/dev/null)
 
 .PHONY: help demo test test-slow lint extension bench-addon clean
 
@@ -36,6 +36,7 @@ lint: $(VENV)/installed
 	@echo "== lint and types"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run --Werror $$(find aa4d/_native -name "*.?pp")
 	$(BIN)/mypy
 
 extension: $(VENV)/installed

@@ -42,7 +42,7 @@ class TrainingBar:
 
     def __init__(self, bar: Progress) -> None:
         self._bar = bar
-        self._spoken = time.monotonic()
+        self._last_log_time = time.monotonic()
         self._tasks: dict[str, tuple[TaskID, list[float]]] = {}
 
     def __call__(self, stage: str, iteration: int, total: int, loss: float, psnr_db: float, anchors: int) -> None:
@@ -56,8 +56,8 @@ class TrainingBar:
         self._bar.update(task, completed=iteration, state=state)
         # In a log file a bar cannot move: there, a line now and then.
         now = time.monotonic()
-        if not console.is_terminal and (iteration == total or now - self._spoken >= SECONDS_BETWEEN_LINES):
-            self._spoken = now
+        if not console.is_terminal and (iteration == total or now - self._last_log_time >= SECONDS_BETWEEN_LINES):
+            self._last_log_time = now
             left = self._bar.tasks[task].time_remaining
             remaining = "" if left is None else f"  {left:.0f} s left"
             console.print(f"{stage} {iteration}/{total}  {state}{remaining}", highlight=False, soft_wrap=True)
@@ -126,3 +126,42 @@ class StepBar:
 
     def __call__(self, done: int, total: int) -> None:
         self._bar.update(self._task, completed=done, total=total)
+
+
+@contextmanager
+def capture_progress() -> Iterator[CaptureBars]:
+    left = TimeRemainingColumn()
+    columns = (TextColumn("{task.description:>9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), left)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        yield CaptureBars(bar)
+
+
+class CaptureBars:
+    """One line a step; lines now and then where the output is a file."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._last_log_time = time.monotonic()
+
+    def step(self, name: str, was_done: bool) -> StepLine:
+        task = self._bar.add_task(name, total=1 if was_done else None, completed=1 if was_done else 0)
+        if was_done and not console.is_terminal:
+            console.print(f"{name}: done before", highlight=False)
+        return StepLine(self, name, task)
+
+    def update(self, name: str, task: TaskID, done: int, total: int | None) -> None:
+        self._bar.update(task, completed=done, total=total)
+        now = time.monotonic()
+        finished = total is not None and done >= total and not self._bar.tasks[task].fields.get("logged")
+        if not console.is_terminal and (finished or now - self._last_log_time >= SECONDS_BETWEEN_LINES):
+            self._last_log_time = now
+            self._bar.update(task, logged=finished)
+            console.print(f"{name} {done}/{'?' if total is None else total}", highlight=False)
+
+
+class StepLine:
+    def __init__(self, display: CaptureBars, name: str, task: TaskID) -> None:
+        self._display, self._name, self._task = display, name, task
+
+    def __call__(self, done: int, total: int | None) -> None:
+        self._display.update(self._name, self._task, done, total)

@@ -25,7 +25,7 @@ from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.identity import digest_of, digest_of_file
 from aa4d.methods.model_file import copy_model
 from aa4d.methods.settings import RunSettings
-from aa4d.report import write_report
+from aa4d.reports.demo_report import write_report
 from aa4d.training.trainer import Progress, train
 
 MakeTrainingProgress = Callable[[], AbstractContextManager[Progress]]
@@ -40,7 +40,7 @@ class Stage:
     """
 
     name: str
-    says: str
+    description: str
     inputs: tuple[Path, ...]
     outputs: tuple[Path, ...]
     run: Callable[[], None]
@@ -85,7 +85,7 @@ def run_demo(
             seconds = record.seconds[stage.name]
             console.print(f"[bold]{stage.name}[/bold]: done before ({seconds:.0f} s)", highlight=False, markup=True)
             continue
-        console.print(f"[bold]{stage.name}[/bold]: {escape(stage.says)}", highlight=False, markup=True)
+        console.print(f"[bold]{stage.name}[/bold]: {escape(stage.description)}", highlight=False, markup=True)
         with record.running(stage):
             stage.run()
     metrics = read_json_object(out / "metrics.json", "the metrics of an evaluation")
@@ -203,7 +203,7 @@ def check(code: int) -> None:
     if code in (2, 130):
         sys.exit(code)
     if code != 0:
-        raise InputError(f"that stage failed with exit code {code}; what it printed stands above")
+        raise InputError(f"that stage failed with exit code {code}; see its output above")
 
 
 class Record:

@@ -10,24 +10,34 @@ from aa4d.errors import InputError
 if TYPE_CHECKING:
     import torch
 
+UNUSED_GPU = "device: the CPU; a GPU is here, but CUDA has not trained on a real one yet (--device cuda tries it)"
+
 DeviceName = Literal["auto", "cpu", "cuda"]
 DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
 
 
+def note_on_device(name: DeviceName) -> str | None:
+    """What to tell a person who has a GPU and did not choose; None where there is nothing to tell."""
+    import torch
+
+    return UNUSED_GPU if name == "auto" and torch.cuda.is_available() else None
+
+
 def choose_device(name: DeviceName) -> torch.device:
-    """`auto` is CUDA where both a GPU and gsplat are there, else the CPU.
+    """The device of that name; `auto` is the CPU, since no training has run on a real GPU yet.
 
     Raises:
         InputError: "cuda" without a GPU that this PyTorch can use, or without gsplat.
     """
     import torch  # names of devices are wanted without waiting for it
 
-    gpu, rasteriser = torch.cuda.is_available(), find_spec("gsplat") is not None
-    if name == "cuda" and not gpu:
+    if name != "cuda":
+        return torch.device("cpu")
+    if not torch.cuda.is_available():
         raise InputError(
             f"--device cuda: PyTorch {torch.__version__} finds no CUDA GPU here; install a CUDA build of PyTorch on a "
             "machine with an NVIDIA GPU, or use --device cpu"
         )
-    if name == "cuda" and not rasteriser:
+    if find_spec("gsplat") is None:
         raise InputError("--device cuda: needs the rasteriser gsplat; pip install gsplat, or use --device cpu")
-    return torch.device("cuda" if name != "cpu" and gpu and rasteriser else "cpu")
+    return torch.device("cuda")

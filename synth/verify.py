@@ -31,8 +31,8 @@ from synth.truth.reprojection import round_trip  # noqa: E402
 PAIRS = 24  # of frames, spread over the clip, whose points are reprojected
 TRACK_TOLERANCE_M = 0.05
 REPROJECTION_PX = 0.02
-Of = Literal["median", "p99", "worst"]
-MEDIAN: Of = "median"
+Statistic = Literal["median", "p99", "worst"]
+MEDIAN: Statistic = "median"
 MARKS = {"median": "~", "p99": " ", "worst": "*"}
 
 
@@ -47,20 +47,25 @@ class Row:
     p99: float
     worst: float
     bound: float
-    of: Of = "p99"
+    bounded_statistic: Statistic = "p99"
 
     @property
     def passes(self) -> bool:
-        return bool(getattr(self, self.of) <= self.bound)  # NaN fails
+        return bool(getattr(self, self.bounded_statistic) <= self.bound)  # NaN fails
+
+    def as_json(self) -> dict[str, object]:
+        value = asdict(self)
+        bounded = value.pop("bounded_statistic")
+        return {**value, "of": bounded, "passes": self.passes}
 
 
-def measured(check: str, unit: str, values: Array, bound: float, of: Of = "p99") -> Row:
+def measured(check: str, unit: str, values: Array, bound: float, bounded_statistic: Statistic = "p99") -> Row:
     """A row over residuals; a check without values passes, and says 0."""
     values = np.asarray(values, dtype=np.float64).ravel()
     if not len(values):
-        return Row(check, unit, 0, 0.0, 0.0, 0.0, bound, of)
+        return Row(check, unit, 0, 0.0, 0.0, 0.0, bound, bounded_statistic)
     middle, high = np.percentile(values, [50, 99])
-    return Row(check, unit, len(values), float(middle), float(high), float(values.max()), bound, of)
+    return Row(check, unit, len(values), float(middle), float(high), float(values.max()), bound, bounded_statistic)
 
 
 def faults(check: str, wrong: "Sequence[object] | Array", bound: float = 0.0) -> Row:
@@ -319,7 +324,7 @@ def table(rows: Sequence[Row]) -> str:
     """The rows for a terminal."""
     lines = [f"{'check':40} {'values':>9} {'median':>10} {'99 %':>10} {'worst':>10} {'bound':>10}  "]
     for row in rows:
-        limit = f"{row.bound:10.3g}{MARKS[row.of]}"
+        limit = f"{row.bound:10.3g}{MARKS[row.bounded_statistic]}"
         numbers = f"{row.count:9d} {row.median:10.3g} {row.p99:10.3g} {row.worst:10.3g} {limit}"
         lines.append(f"{row.check:40} {numbers} {row.unit + ' ' if row.unit else ''}{'ok' if row.passes else 'FAILS'}")
     return "\n".join([*lines, "bound: of the 99th percentile; * of the worst; ~ of the median"])
@@ -335,7 +340,7 @@ def main(arguments: Sequence[str]) -> int:
         rows = verify(options.capture)
         print(table(rows))
         if options.json is not None:
-            write_json(options.json, [{**asdict(row), "passes": row.passes} for row in rows])
+            write_json(options.json, [row.as_json() for row in rows])
     except SystemExit as stop:
         return int(stop.code or 0)
     except InputError as error:

@@ -20,7 +20,7 @@ from aa4d.demo import Record, Stage, check, files_named_in, summarise
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
-from aa4d.report import spread, write_report
+from aa4d.reports.demo_report import spread, write_report
 from aa4d.training.trainer import train
 
 

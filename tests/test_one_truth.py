@@ -1,5 +1,6 @@
 """What synth, aa4d and the extension each have a copy of, since none imports another: the copies are equal."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -29,8 +30,8 @@ import synth.flight.keys
 import synth.plan
 import synth.traffic.tracks
 import synth.truth.activity
-from aa4d.capture import reader
-from aa4d.capture.reader import PinholeCamera
+from aa4d.capture import schema
+from aa4d.capture.schema import PinholeCamera
 from aa4d.capture.sources.posed import read_transforms
 from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
 from aa4d.motion.spline import FEWEST_CONTROLS
@@ -48,11 +49,11 @@ def test_names_are_the_same() -> None:
 
 
 def test_limits_are_the_same() -> None:
-    assert reader.FARTHEST_M == synth.flight.keys.WORLD_M == synth.traffic.tracks.FARTHEST_M == addon.model.FARTHEST_M
+    assert schema.FARTHEST_M == synth.flight.keys.WORLD_M == synth.traffic.tracks.FARTHEST_M == addon.model.FARTHEST_M
     assert aa4d.methods.model_file.FARTHEST_MODEL_M == addon.model.FARTHEST_MODEL_M
-    assert (reader.MOST_PX, reader.LARGEST_K) == (addon.header.MOST_PX, addon.header.LARGEST_K)
-    assert reader.FASTEST_FPS == addon.header.FASTEST_FPS
-    assert reader.LONGEST_NAME == aa4d.methods.model_file.LONGEST_NAME == addon.model.LONGEST_NAME
+    assert (schema.MAX_SIDE_PX, schema.MAX_FOCAL_PX) == (addon.header.MOST_PX, addon.header.LARGEST_K)
+    assert schema.MAX_FPS == addon.header.FASTEST_FPS
+    assert schema.MAX_NAME_BYTES == aa4d.methods.model_file.LONGEST_NAME == addon.model.LONGEST_NAME
     assert aa4d.methods.adaanchor4d.files.LARGEST_SIZE == addon.model.WIDEST
     assert aa4d.methods.adaanchor4d.files.UNIFORM_TOLERANCE == addon.model.UNIFORM_TOLERANCE
     assert FEWEST_CONTROLS == addon.groups.FEWEST_CONTROLS
@@ -62,10 +63,11 @@ def test_limits_are_the_same() -> None:
 
 def test_what_synth_renders_is_within_what_aa4d_reads() -> None:
     def largest(declared: type, name: str) -> float:
-        return float(declared.__dataclass_fields__[name].metadata["range"][1])
+        fields = {field.name: field for field in dataclasses.fields(declared)}
+        return float(fields[name].metadata["range"][1])
 
-    assert max(largest(synth.camera.Camera, side) for side in ("width_px", "height_px")) <= reader.MOST_PX
-    assert largest(Time, "fps") <= reader.FASTEST_FPS
+    assert max(largest(synth.camera.Camera, side) for side in ("width_px", "height_px")) <= schema.MAX_SIDE_PX
+    assert largest(Time, "fps") <= schema.MAX_FPS
 
 
 def test_the_curve_of_srgb_is_one() -> None:

@@ -1,4 +1,4 @@
-"""What to do when a reconstruction fails or is poor; the console and the report say the same."""
+"""Advice for a reconstruction that fails or is poor; the console and the report say the same."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ GOOD_SHARE = 0.95
 GOOD_ERROR_PX = 1.0
 TURNING = ("PANORAMIC", "PLANAR_OR_PANORAMIC")
 FLAT = ("PLANAR", *TURNING)
-FLAT_SHARE = 0.9  # of the pairs: with more, next to nothing in the frames tells the focal length
+FLAT_SHARE = 0.9  # fraction of the pairs: with more, next to nothing in the frames tells the focal length
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What the console and the report say, and what only the report adds."""
+    """A sentence for the console and the report, and one that only the report adds."""
 
     what: str
     why: str = ""
@@ -48,7 +48,7 @@ def _missing_from(geometry: dict[str, int]) -> str:
 
 
 def field_of_view_advice(geometry: dict[str, int], fov_deg: float, was_kept: bool) -> list[Advice]:
-    """Of a reconstruction whose focal length nobody stated: how far the frames themselves tell it."""
+    """Advice on a focal length that nobody stated, where the frames themselves hardly tell it."""
     pairs, flat = sum(geometry.values()), sum(geometry.get(kind, 0) for kind in FLAT)
     if not was_kept and flat <= FLAT_SHARE * pairs:
         return []
@@ -65,7 +65,7 @@ def field_of_view_advice(geometry: dict[str, int], fov_deg: float, was_kept: boo
 
 
 def advice(registered_share: float, error_px: float, other_models: int, gaps: int, blurred: int) -> list[Advice]:
-    """What a poor reconstruction needs; empty where it is good."""
+    """Advice for a poor reconstruction; empty where it is good."""
     said: list[str] = []
     if other_models:
         said.append(

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from aa4d.errors import InputError
 
-MOST_OUTSIDE = 0.02  # of the boxes: genuine ones reach over the edge, their middles do not
-MOST = 1e6  # of a frame number or a pixel, in size: no video has more, and beyond 2^63 numbers turn into others
-IGNORED = "_gt_ignore"  # at the end of the names of UAVDT's files of regions in which nobody has looked for vehicles
+MAX_OUTSIDE_FRACTION = 0.02  # fraction of the boxes: genuine ones reach over the edge, their middles do not
+MAX_NUMBER = 1e6  # size of a frame number or a pixel: no video has more, and beyond 2^63 numbers turn into others
+IGNORED = "_gt_ignore"  # name ending of UAVDT's files of regions in which nobody has looked for vehicles
 VISDRONE_IGNORED = 0  # category: a region that nobody has annotated
 NO_TARGET = -1  # target of a box that nobody has followed over the frames
 UNKNOWN = ""
 ONE_BOX = "one box a frame"  # layout
-UAVDT_CATEGORIES = {1: "car", 2: "truck", 3: "bus"}  # of files `_gt_whole`; `_gt` has another number in that column
+UAVDT_CATEGORIES = {1: "car", 2: "truck", 3: "bus"}  # in files `_gt_whole`; `_gt` has another number in that column
 VISDRONE_CATEGORIES = {
     1: "pedestrian",
     2: "people",
@@ -53,7 +53,7 @@ class Annotations:
         every = np.concatenate([*self.boxes.values(), np.zeros((0, 4))])
         middle = every[:, :2] + every[:, 2:] / 2
         outside = int(((middle < 0) | (middle > [width, height])).any(axis=1).sum())
-        if outside > MOST_OUTSIDE * len(every):
+        if outside > MAX_OUTSIDE_FRACTION * len(every):
             raise InputError(
                 f"{self.file}: {outside} of {len(every)} boxes lie outside of the frames, which are {width}x{height}: "
                 "give the annotations of this sequence, and its frames at their own size"
@@ -64,7 +64,7 @@ class Annotations:
 
     @property
     def follows(self) -> bool:
-        """Whether the movers are known again from frame to frame; a file of one box a frame follows one of many."""
+        """True where the movers are known again from frame to frame; a file of one box a frame follows one of many."""
         return self.layout != ONE_BOX and any((target != NO_TARGET).any() for target in self.targets.values())
 
 
@@ -100,7 +100,7 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
             raise InputError(
                 f"{path}: line {line_number} has another number of columns than the first; restore the file"
             )
-        if not (np.abs(rows[-1]) < MOST).all():
+        if not (np.abs(rows[-1]) < MAX_NUMBER).all():
             raise InputError(f"{path}: line {line_number} holds no frame or pixel: {line[:60]!r}; restore the file")
         if any(side < 0 for side in _box(rows[-1])[2:]):
             raise InputError(f"{path}: line {line_number} is a box of negative size: {line[:60]!r}; restore the file")

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aa4d.capture.workspace import StepResult
+
 
 @dataclass(frozen=True)
 class Position:
-    """Of the camera, by satellite: degrees, and metres above any one level."""
+    """Position of the camera, by satellite: degrees, and metres above any one level."""
 
     latitude_deg: float
     longitude_deg: float
@@ -26,7 +28,7 @@ class Picture:
 
     label: str  # what people call it: a file name, or the second of a video
     time_s: float
-    number: int | None  # by which annotation files name it
+    number: int | None  # its name in annotation files
     load: Callable[[], NDArray[np.uint8]]  # [H, W, 3] sRGB, upright; raises InputError
     original: Path | None = None  # a file that holds exactly these pixels, JPEG or PNG
     position: Position | None = None
@@ -34,7 +36,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class ClipFrame:
-    file: str  # in the clip's folder
+    file: str  # name in the clip's folder
     label: str
     time_s: float
     number: int | None
@@ -43,24 +45,18 @@ class ClipFrame:
 
 
 @dataclass(frozen=True)
-class Clip:
-    folder: Path
+class Clip(StepResult):
     width: int
     height: int
     source_size: tuple[int, int]  # width and height in the source, which annotations count in
     frames: tuple[ClipFrame, ...]
     notes: tuple[str, ...]  # what was left out and why
 
-    def as_json(self) -> dict[str, Any]:
-        value = asdict(self)
-        del value["folder"]
-        return value
-
-    @staticmethod
-    def from_json(folder: Path, value: dict[str, Any]) -> Clip:
+    @classmethod
+    def from_json(cls, folder: Path, value: dict[str, Any]) -> Self:
         frames = tuple(
             ClipFrame(**{**f, "position": Position(**f["position"]) if f["position"] else None})
             for f in value["frames"]
         )
         width, height = value["source_size"]
-        return Clip(folder, value["width"], value["height"], (width, height), frames, tuple(value["notes"]))
+        return cls(folder, value["width"], value["height"], (width, height), frames, tuple(value["notes"]))

@@ -2,29 +2,58 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pycolmap
 
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import in_blocks, run
+from aa4d.capture.movers import Masks
 from aa4d.capture.settings import Reconstruction
-from aa4d.capture.workspace import Progress
+from aa4d.capture.workspace import Progress, Step, StepResult
 
-USUAL_FOCAL = 0.8  # of the longest side: between the wide lens of most drones and the next longer one
-FRAMES_A_THREAD = 2  # in a block
+USUAL_FOCAL = 0.8  # fraction of the longest side: between the wide lens of most drones and the next longer one
+FRAMES_A_THREAD = 2  # size of a block
+
+
+@dataclass(frozen=True)
+class Features(StepResult):
+    features: tuple[int, ...]  # number of each frame's
+
+    @property
+    def database(self) -> Path:
+        return self.folder / "database.db"
+
+
+def stated_focal_px(fov_deg: float | None, share: float | None, clip: Clip) -> float | None:
+    """The focal length of the clip's frames, as the user or else EXIF says; None where neither does."""
+    if fov_deg is not None:
+        return 0.5 * clip.width / math.tan(math.radians(fov_deg) / 2)
+    return None if share is None else share * max(clip.width, clip.height)
+
+
+def features_step(
+    clip: Clip, masks: Masks | None, settings: Reconstruction, focal_px: float | None, threads: int
+) -> Step[Features]:
+    return Step(
+        "features",
+        [settings.features, settings.longest_px, settings.camera_model, focal_px],
+        lambda *place: extract(clip, masks, settings, focal_px, threads, *place),
+        Features,
+    )
 
 
 def extract(
     clip: Clip,
-    masks: Path | None,
+    masks: Masks | None,
     settings: Reconstruction,
     focal_px: float | None,
     threads: int,
     folder: Path,
     progress: Progress,
-) -> dict[str, Any]:
+) -> Features:
     """Write `database.db` into `folder`; frames that it holds already are left as they are.
 
     All frames are of one camera. Where nothing says its focal length, it is guessed, as drones have it.
@@ -41,7 +70,7 @@ def extract(
         camera = pycolmap.Camera.create_from_model_name(1, settings.camera_model, focal_px, clip.width, clip.height)
         reader.camera_params = camera.params_to_string()
     if masks is not None:
-        reader.mask_path = masks
+        reader.mask_path = masks.folder
     names = [frame.file for frame in clip.frames]
     for done, block in in_blocks(names, FRAMES_A_THREAD * threads):
         # A block is stored whole: what a stopped run keeps, and what the progress counts.
@@ -62,4 +91,4 @@ def extract(
         progress(done + len(block), len(names))
     with pycolmap.Database.open(database) as opened:
         found = {image.name: opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()}
-    return {"features": [found.get(name, 0) for name in names]}
+    return Features(folder, tuple(found.get(name, 0) for name in names))

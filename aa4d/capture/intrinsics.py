@@ -1,4 +1,4 @@
-"""Whether a camera that was given can be one: before hours are spent on frames that it cannot have taken."""
+"""Check of a camera that was given, before hours are spent on frames that it cannot have taken."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from aa4d.errors import InputError
 
 MOST_PX = 1_000_000  # along a side
-SHORTEST_FOCAL, LONGEST_FOCAL = 0.01, 1000.0  # of the longest side
-FARTHEST_CENTRE = 1.0  # of a side: how far the principal point may lie outside, as in pictures that were cut out
+SHORTEST_FOCAL, LONGEST_FOCAL = 0.01, 1000.0  # fractions of the longest side
+MAX_CENTER_OUTSIDE = 1.0  # fraction of a side: the principal point may lie so far outside, as in cropped pictures
 STEPS = 17  # from the principal point to the edge, at which a lens is looked at
 
 
@@ -31,10 +31,10 @@ def check_intrinsics(camera: Any, where: str) -> None:
             f"{where}: the focal length (fl_x, fl_y) is {focal[0]:g}, {focal[1]:g}; expected {least:g} to {most:g} "
             f"pixels for pictures of {camera.width}x{camera.height}"
         )
-    centre = np.array([camera.principal_point_x, camera.principal_point_y])
-    if not (np.abs(centre / size - 0.5) <= 0.5 + FARTHEST_CENTRE).all():
+    center = np.array([camera.principal_point_x, camera.principal_point_y])
+    if not (np.abs(center / size - 0.5) <= 0.5 + MAX_CENTER_OUTSIDE).all():
         raise InputError(
-            f"{where}: the principal point (cx, cy) is {centre[0]:g}, {centre[1]:g}, far outside of pictures of "
+            f"{where}: the principal point (cx, cy) is {center[0]:g}, {center[1]:g}, far outside of pictures of "
             f"{camera.width}x{camera.height}"
         )
     # The lens must spread what is ahead over the picture once: further out in the scene, further out in the picture.

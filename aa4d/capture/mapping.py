@@ -13,13 +13,15 @@ import pycolmap
 from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import quiet, run
-from aa4d.capture.settings import Reconstruction
-from aa4d.capture.workspace import Progress
+from aa4d.capture.matching import Matches
+from aa4d.capture.selection import abbreviate
+from aa4d.capture.settings import CaptureSettings, Reconstruction
+from aa4d.capture.workspace import Progress, Step, StepResult
 from aa4d.errors import InputError
 
-FEWEST = 3  # frames of a model that is worth keeping
-FEWEST_POINTS = 30
-ENOUGH = 0.5  # of the frames: with less, mapping is tried again with the relaxed thresholds
+MIN_FRAMES = 3  # with fewer, a model is not worth keeping
+MIN_POINTS = 30
+MIN_REGISTERED_FRACTION = 0.5  # fraction of the frames: with less, mapping is tried again with the relaxed thresholds
 PARALLAX_DEG = 0.5  # median angle under which a point is seen; less is a camera that only turns
 
 
@@ -34,27 +36,73 @@ class Attempt:
 
 
 ATTEMPTS = (Attempt(16, 100, 30, 1.5), Attempt(4, 50, 20, 0.7), Attempt(1.5, 30, 15, 0.3))
-# Of the picture's longest side: 100 to 14 degrees across. Over flat ground, a wrong focal length explains the frames as
+# Fractions of the longest side: 100 to 14 degrees across. Over flat ground, a wrong focal length explains the frames as
 # well as the right one; where what is found lies outside, the guess is kept instead.
-SHORTEST_FOCAL, LONGEST_FOCAL = 0.42, 4.0
+MIN_FOCAL, MAX_FOCAL = 0.42, 4.0
 
 
-def reconstruct(
-    clip: Clip,
-    matches: Path,
-    geometry: dict[str, int],
-    settings: Reconstruction,
-    focal_is_known: bool,
-    threads: int,
-    seed: int,
-    folder: Path,
-    progress: Progress,
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Cameras(StepResult):
+    """A COLMAP model of the clip's frames. Frames are named by their ranks in the clip."""
+
+    registered: tuple[int, ...]  # those with a pose
+    other_models: tuple[list[int], ...]  # ranks in models that could not be joined with this one
+    attempts: int  # number of ATTEMPTS made; 0 where the cameras were given
+    focal_was_kept: bool  # the guess, as the frames gave an impossible one
+    median_angle_deg: float  # the widest under which a point is seen
+
+    def read(self) -> Any:
+        """A pycolmap.Reconstruction."""
+        return pycolmap.Reconstruction(self.folder / "model")
+
+    def notes(self, clip: Clip) -> list[str]:
+        """Notes on what the model leaves out: frames without a pose, and the other models."""
+        said = []
+        if self.attempts > 1:
+            said.append(f"the cameras were found with lowered thresholds, at attempt {self.attempts}: see the report")
+        for ranks in self.other_models:
+            first, last = clip.frames[ranks[0]], clip.frames[ranks[-1]]
+            said.append(
+                f"a second part of the clip, {len(ranks)} frames from {first.label} to {last.label}, could not be "
+                "joined with the largest and was left out"
+            )
+        elsewhere = {rank for ranks in self.other_models for rank in ranks}
+        lost = sorted(set(range(len(clip.frames))) - set(self.registered) - elsewhere)
+        if lost:
+            said.append(f"{abbreviate([clip.frames[i].label for i in lost])} left out: no pose could be found")
+        return said
+
+
+def solve_step(clip: Clip, matches: Matches, settings: CaptureSettings) -> Step[Cameras]:
+    """Find cameras of which nothing is known but, perhaps, the field of view."""
+    how = settings.reconstruction
+    return Step(
+        "cameras",
+        [how.global_refinements, how.grown_by, settings.seed],
+        lambda *place: reconstruct(clip, matches, settings, *place),
+        Cameras,
+    )
+
+
+def triangulate_step(clip: Clip, given: Any, matches: Matches) -> Step[Cameras]:
+    """Find points for the cameras of `given`, a pycolmap.Reconstruction."""
+    return Step("cameras", ["triangulate"], lambda *place: triangulate(clip, given, matches.database, *place), Cameras)
+
+
+def adopt_step(clip: Clip, given: Any) -> Step[Cameras]:
+    """Take cameras and points from `given`, a pycolmap.Reconstruction."""
+    return Step("cameras", ["given"], lambda folder, _: adopt(clip, given, folder), Cameras)
+
+
+def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder: Path, progress: Progress) -> Cameras:
     """Write the largest model into `folder`/model.
 
     Raises:
         InputError: nothing could be reconstructed; says what the frames lack and what to do.
     """
+    how, threads, seed = settings.reconstruction, settings.threads, settings.seed
+    focal_is_known = settings.fov_deg is not None
+    database, geometry = matches.database, matches.geometry
     best: dict[int, Any] = {}
     number, solve_focal = 0, not focal_is_known
     names = [frame.file for frame in clip.frames]
@@ -62,13 +110,13 @@ def reconstruct(
         tries = folder / f"attempt-{number}"
         shutil.rmtree(tries, ignore_errors=True)
         tries.mkdir()
-        models = _map(clip, matches, _options(settings, attempt, solve_focal, threads, seed), tries, progress)
+        models = _map(clip, database, _options(how, attempt, solve_focal, threads, seed), tries, progress)
         if solve_focal and models and not any(has_usual_focal(m) for m in models.values()):
             solve_focal = False
-            models = _map(clip, matches, _options(settings, attempt, solve_focal, threads, seed), tries, progress)
+            models = _map(clip, database, _options(how, attempt, solve_focal, threads, seed), tries, progress)
         if _registered(models) > _registered(best):
             best = models
-        if _registered(best) >= ENOUGH * len(names):
+        if _registered(best) >= MIN_REGISTERED_FRACTION * len(names):
             break
     if not best:
         raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice(geometry, focal_is_known)}")
@@ -85,13 +133,14 @@ def reconstruct(
     registered = _ranks(model, names)
     # Models may overlap: what counts of the others are the frames that the largest has not.
     others = [sorted(set(_ranks(m, names)) - set(registered)) for m in ordered[1:]]
-    return {
-        "registered": registered,
-        "other_models": [ranks for ranks in others if len(ranks) >= FEWEST],
-        "attempts": number + 1,
-        "focal_was_kept": not solve_focal and not focal_is_known,
-        "median_angle_deg": float(np.median(angles)),
-    }
+    return Cameras(
+        folder,
+        registered=tuple(registered),
+        other_models=tuple(ranks for ranks in others if len(ranks) >= MIN_FRAMES),
+        attempts=number + 1,
+        focal_was_kept=not solve_focal and not focal_is_known,
+        median_angle_deg=float(np.median(angles)),
+    )
 
 
 def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int) -> Any:
@@ -100,7 +149,7 @@ def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, thre
     options.random_seed = seed
     options.mapper.random_seed = seed
     options.triangulation.random_seed = seed
-    options.min_model_size = FEWEST
+    options.min_model_size = MIN_FRAMES
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = solve_focal
     options.ba_global_max_refinements = settings.global_refinements
     options.ba_global_frames_ratio = options.ba_global_points_ratio = settings.grown_by
@@ -126,13 +175,13 @@ def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progre
         ),
         lambda: progress(min(registered[0] + 2 if registered[0] else 0, len(clip.frames)), len(clip.frames)),
     )
-    return {i: model for i, model in found.items() if model.num_reg_images() >= FEWEST}
+    return {i: model for i, model in found.items() if model.num_reg_images() >= MIN_FRAMES}
 
 
 def has_usual_focal(model: Any) -> bool:
-    """Whether a field of view is one that cameras have."""
+    """True where the field of view is one that cameras have."""
     return all(
-        SHORTEST_FOCAL <= camera.mean_focal_length() / max(camera.width, camera.height) <= LONGEST_FOCAL
+        MIN_FOCAL <= camera.mean_focal_length() / max(camera.width, camera.height) <= MAX_FOCAL
         for camera in model.cameras.values()
     )
 
@@ -147,19 +196,19 @@ def _ranks(model: Any, names: list[str]) -> list[int]:
 
 def triangulation_angles_deg(model: Any) -> np.ndarray:
     """The widest angle [P] under which each point is seen, from at most ten of its frames."""
-    centres = {i: model.image(i).projection_center() for i in model.reg_image_ids()}
+    centers = {i: model.image(i).projection_center() for i in model.reg_image_ids()}
     angles = []
     for point in model.points3D.values():
         ids = list({element.image_id for element in point.track.elements})
-        chosen = np.array([centres[i] for i in ids[:: max(1, len(ids) // 10)]])
+        chosen = np.array([centers[i] for i in ids[:: max(1, len(ids) // 10)]])
         rays = chosen - point.xyz
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         angles.append(np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1).min())))
     return np.array(angles) if angles else np.zeros(1)
 
 
-def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: Progress) -> dict[str, Any]:
-    """Points for cameras that are known: matches are triangulated, the cameras stay as they are."""
+def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: Progress) -> Cameras:
+    """Triangulate matches for cameras that are known, which stay as they are."""
     progress(0, 1)
     quiet()
     with pycolmap.Database.open(matches) as opened:
@@ -169,13 +218,13 @@ def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: P
     model = run(
         lambda token: pycolmap.triangulate_points(model, matches, clip.folder, target, cancellation_token=token),
     )
-    if model.num_points3D() < FEWEST_POINTS:
+    if model.num_points3D() < MIN_POINTS:
         raise InputError(
             f"{NOTHING_RECONSTRUCTED}: the given cameras see no common points; do the poses belong to these frames?"
         )
     model.write(target)
     progress(1, 1)
-    return _as_given(clip, model)
+    return _as_given(clip, model, folder)
 
 
 def as_in_database(model: Any, database: Any) -> Any:
@@ -198,20 +247,20 @@ def as_in_database(model: Any, database: Any) -> Any:
     return result
 
 
-def adopt(clip: Clip, model: Any, folder: Path) -> dict[str, Any]:
-    """A model that was given with its points."""
+def adopt(clip: Clip, model: Any, folder: Path) -> Cameras:
+    """Write a model that was given with its points."""
     target = folder / "model"
     target.mkdir(exist_ok=True)
     model.write(target)
-    return _as_given(clip, model)
+    return _as_given(clip, model, folder)
 
 
-def _as_given(clip: Clip, model: Any) -> dict[str, Any]:
-    names = [frame.file for frame in clip.frames]
-    return {
-        "registered": _ranks(model, names),
-        "other_models": [],
-        "attempts": 0,
-        "focal_was_kept": False,
-        "median_angle_deg": float(np.median(triangulation_angles_deg(model))),
-    }
+def _as_given(clip: Clip, model: Any, folder: Path) -> Cameras:
+    return Cameras(
+        folder,
+        registered=tuple(_ranks(model, [frame.file for frame in clip.frames])),
+        other_models=(),
+        attempts=0,
+        focal_was_kept=False,
+        median_angle_deg=float(np.median(triangulation_angles_deg(model))),
+    )

@@ -1,4 +1,4 @@
-"""Which frames are compared, and their verified matches.
+"""Pairs of frames to compare, and their verified matches.
 
 A video's frames overlap with those around them: each is matched with the `window` frames after it and with those at
 twice, four times, ... that distance. A drone comes back to what it has seen: `keyframes` frames, spread over the clip,
@@ -9,18 +9,40 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
 
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import in_blocks, run
+from aa4d.capture.features import Features
 from aa4d.capture.settings import Reconstruction
-from aa4d.capture.workspace import Progress
+from aa4d.capture.workspace import Progress, Step, StepResult
 
-PAIRS_A_THREAD = 10  # in a block: stored together, what a stopped run keeps
+PAIRS_A_THREAD = 10  # size of a block, which is stored whole: what a stopped run keeps
+
+
+@dataclass(frozen=True)
+class Matches(StepResult):
+    pairs: int  # compared
+    verified: int  # a geometry holds for so many
+    geometry: dict[str, int]  # how many of them are of each kind, by COLMAP's names
+    gaps: tuple[int, ...]  # frames that have nothing in common with the next
+
+    @property
+    def database(self) -> Path:
+        return self.folder / "database.db"
+
+
+def matches_step(clip: Clip, features: Features, settings: Reconstruction, threads: int, seed: int) -> Step[Matches]:
+    return Step(
+        "matches",
+        [settings.window, settings.keyframes, seed],
+        lambda *place: match(clip, features.database, settings, threads, seed, *place),
+        Matches,
+    )
 
 
 def pairs(frames: int, window: int, keyframes: int) -> list[tuple[int, int]]:
@@ -38,7 +60,7 @@ def pairs(frames: int, window: int, keyframes: int) -> list[tuple[int, int]]:
 
 def match(
     clip: Clip, features: Path, settings: Reconstruction, threads: int, seed: int, folder: Path, progress: Progress
-) -> dict[str, Any]:
+) -> Matches:
     """Add matches to a copy of the features' database in `folder`; pairs that it holds already are not repeated."""
     database = folder / "database.db"
     if not database.exists():
@@ -64,11 +86,12 @@ def match(
             )
         )
         progress(done + len(block), len(wanted))
-    return {"pairs": len(wanted), **_verified(database, names)}
+    kinds, gaps = _verified(database, names)
+    return Matches(folder, len(wanted), sum(kinds.values()), kinds, gaps)
 
 
-def _verified(database: Path, names: list[str]) -> dict[str, Any]:
-    """How many pairs hold, of which geometry they are, and where neighbours have nothing in common."""
+def _verified(database: Path, names: list[str]) -> tuple[dict[str, int], tuple[int, ...]]:
+    """Pairs that hold by their kind of geometry, and the frames that have nothing in common with the next."""
     with pycolmap.Database.open(database) as opened:
         rank_of = {image.image_id: names.index(image.name) for image in opened.read_all_images()}
         ids, geometries = opened.read_two_view_geometries()
@@ -80,5 +103,4 @@ def _verified(database: Path, names: list[str]) -> dict[str, Any]:
         kinds[pycolmap.TwoViewGeometryConfiguration(geometry.config).name] += 1
         a, b = sorted(rank_of[i] for i in pycolmap.pair_id_to_image_pair(pair))
         joined.update(range(a, b))
-    gaps = [i for i in range(len(names) - 1) if i not in joined]
-    return {"verified": sum(kinds.values()), "geometry": dict(kinds), "gaps": gaps}
+    return dict(kinds), tuple(i for i in range(len(names) - 1) if i not in joined)

@@ -19,29 +19,38 @@ from numpy.typing import NDArray
 from aa4d.capture.annotations import Annotations
 from aa4d.capture.clip import Clip
 from aa4d.capture.pictures import save_png
-from aa4d.capture.workspace import Progress
+from aa4d.capture.workspace import Progress, Step, StepResult
 
 FLOW_PX = 640  # longest side of the pictures in which motion is measured
-LEAST_MOTION_PX = 12.0  # of the background, in those pictures, between the frames that are compared
+MIN_MOTION_PX = 12.0  # motion of the background, in those pictures, between the frames that are compared
 FARTHEST = 4  # frames, where the drone is slow
 DISAGREEMENT_PX = 0.9
-INLIER_PX = 0.5  # of the background's own motion
+INLIER_PX = 0.5  # tolerance of the background's own motion
 AROUND_PX = 9  # a mask is wider than what was found: blurred outlines belong to the car
 SAMPLES = 4000  # flow vectors that the background's motion is estimated from
-BORDER_SHARE = 0.3  # of a box, on every side: the shadow and the blurred outline belong to the car
-SMALLEST = 1.5e-4  # of the picture's area, of a moving patch
-FEW_BOXED = 0.5  # of the frames used
-LARGEST = 0.35  # of the picture's area: where more seems to move, the background was not found
+BORDER_SHARE = 0.3  # fraction of a box, on every side: the shadow and the blurred outline belong to the car
+MIN_PATCH_FRACTION = 1.5e-4  # fraction of image area, of a moving patch
+MIN_BOXED_FRACTION = 0.5  # fraction of the frames used: with less, a note says so
+MAX_MOVING_FRACTION = 0.35  # fraction of image area: where more seems to move, the background was not found
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Movers:
-    how: str  # "boxes", "epipolar" or "off"
-    share: list[float]  # of each frame's pixels
-    notes: list[str]
+class Masks(StepResult):
+    share: tuple[float, ...]  # fraction of each frame's pixels
+    notes: tuple[str, ...]
+
+
+def movers_step(clip: Clip, annotations: Annotations | None) -> Step[Masks]:
+    boxes = None if annotations is None else annotations.file.read_text(encoding="utf-8")
+    return Step("movers", [boxes], lambda *place: write_masks(clip, annotations, *place), Masks)
+
+
+def masking_method(annotations: Annotations | None) -> str:
+    """Name of the way in which movers are found."""
+    return "epipolar motion" if annotations is None else f"boxes ({annotations.layout})"
 
 
 def mask_path(folder: Path, file: str) -> Path:
@@ -49,8 +58,8 @@ def mask_path(folder: Path, file: str) -> Path:
     return folder / f"{file}.png"
 
 
-def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progress: Progress) -> Movers:
-    """One mask a frame, black where something moves. Raises InputError where the boxes are not of these frames."""
+def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progress: Progress) -> Masks:
+    """Write one mask a frame, black where something moves. Raises InputError where the boxes are of other frames."""
     notes: list[str] = []
     if annotations is not None:
         annotations.check_size(*clip.source_size)
@@ -63,7 +72,7 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
     for i, frame in enumerate(clip.frames):
         path = mask_path(folder, frame.file)
         moving = read_mask(path) if path.exists() else masks(i)
-        if moving.mean() > LARGEST:
+        if moving.mean() > MAX_MOVING_FRACTION:
             notes.append(f"{frame.label}: more than a third of it seems to move; no mask is used there")
             moving = np.zeros_like(moving)
         if not path.exists():
@@ -72,12 +81,12 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
         progress(i + 1, len(clip.frames))
     if annotations is not None:
         boxed = sum(f.number in annotations.boxes for f in clip.frames)
-        if boxed < FEW_BOXED * len(clip.frames):
+        if boxed < MIN_BOXED_FRACTION * len(clip.frames):
             notes.append(
                 f"{annotations.file} has boxes for {boxed} of the {len(clip.frames)} frames used: "
                 "in the others no mover is masked"
             )
-    return Movers("epipolar" if annotations is None else "boxes", shares, notes)
+    return Masks(folder, tuple(shares), tuple(notes))
 
 
 def read_mask(path: Path) -> Mask:
@@ -142,7 +151,7 @@ class EpipolarMotion:
                 break
             there = self._picture(other)
             flow = np.asarray(self._rough.calc(here, there, no_guess(here)), np.float32)
-            if float(np.median(np.linalg.norm(flow, axis=2))) >= LEAST_MOTION_PX:
+            if float(np.median(np.linalg.norm(flow, axis=2))) >= MIN_MOTION_PX:
                 break
         found = None if flow is None else beside_background(here, there, flow, self._fine)
         return None if found is None else found[0]
@@ -151,7 +160,7 @@ class EpipolarMotion:
 def beside_background(
     here: NDArray[np.uint8], there: NDArray[np.uint8], rough: Floats, fine: cv2.DISOpticalFlow
 ) -> tuple[Floats, Floats] | None:
-    """How far the motion lies from what a static scene allows [H, W], and from the background's [H, W, 2]; pixels.
+    """Distance of the motion from what a static scene allows [H, W], and from the background's [H, W, 2]; pixels.
 
     None where the background's motion cannot be told. Motion is measured once more after the background's homography is
     taken out: what is left is small but for parallax and movers, so that small movers are not smoothed away.
@@ -203,6 +212,6 @@ def sampson(F: NDArray[np.float64], start: Floats, end: Floats) -> NDArray[np.fl
 
 def without_specks(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     count, labels, statistics, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    keep = statistics[:, cv2.CC_STAT_AREA] >= max(SMALLEST * mask.size, 9)
+    keep = statistics[:, cv2.CC_STAT_AREA] >= max(MIN_PATCH_FRACTION * mask.size, 9)
     keep[0] = False
     return np.asarray(keep[labels] if count > 1 else mask * 0, np.uint8)

@@ -18,12 +18,12 @@ from aa4d.capture.clip import Position
 from aa4d.capture.gnss import east_north_up
 
 Floats = NDArray[np.float64]
-NOISE_M = 3.0  # of a satellite position
-LEAST_SPAN_M = 15.0  # of a flight whose positions can give a scale
-# Of the flight's own extent (median from its middle, like the error): of positions that are still used. Random ones
+NOISE_M = 3.0  # error of a satellite position
+MIN_SPAN_M = 15.0  # extent of a flight whose positions can give a scale
+# Fraction of the flight's own extent (median from its middle, like the error) of positions still used. Random ones
 # come to 1, and where a quarter of the extent is unexplained, so is a tenth of the scale and more.
-LARGEST_GNSS_ERROR = 0.25
-GROUND_SHARE = 0.01  # of the viewing distance: thickness of the ground
+MAX_GNSS_ERROR = 0.25
+GROUND_SHARE = 0.01  # thickness of the ground, as a fraction of the viewing distance
 TRIALS = 500
 REWEIGHTINGS = 20
 
@@ -54,7 +54,7 @@ class World:
     unit: str  # "metres" or "unit"
     scale_from: str  # how the scale was found, in words
     up_from: str
-    origin: Position | None  # of the world's origin
+    origin: Position | None  # position of the world's origin
     gnss_error_m: float | None  # median distance of cameras from their satellite positions
     notes: tuple[str, ...] = ()
 
@@ -75,14 +75,15 @@ def find_world(
     altitude_m: float | None,
     seed: int,
 ) -> World:
-    """
+    """Find where the cameras stand, which way is up, and how large a unit is.
+
     Args:
         viewmats: [N, 4, 4], of the frames in presentation order.
         points: [P, 3].
         positions: of the N frames; None where unknown.
         altitude_m: the median distance from cameras to what they see, if no satellite says it.
     """
-    centres = centres_of(viewmats)
+    centers = centers_of(viewmats)
     distance = viewing_distance(viewmats, points)
     level = level_ground(viewmats, points, distance, seed)
     known = [i for i, p in enumerate(positions) if p is not None]
@@ -92,13 +93,13 @@ def find_world(
         assert first is not None
         enu = east_north_up([p for p in positions if p is not None], first)
         spans = np.linalg.svd(enu - enu.mean(axis=0), compute_uv=False) / np.sqrt(len(enu)) * 3
-        if spans[0] >= LEAST_SPAN_M:
-            world = _by_satellite(centres[known], enu, spans, level, points, first)
+        if spans[0] >= MIN_SPAN_M:
+            world = _by_satellite(centers[known], enu, spans, level, points, first)
             error_m = world.gnss_error_m or 0.0
             extent_m = float(np.median(np.linalg.norm(enu - np.median(enu, axis=0), axis=1)))
             # Few positions are fitted the closer the more of their 3 N numbers the similarity's 7 take up.
             freedom = float(np.sqrt(1 - 7 / (3 * len(known))))
-            if error_m <= LARGEST_GNSS_ERROR * freedom * extent_m:
+            if error_m <= MAX_GNSS_ERROR * freedom * extent_m:
                 return world
             notes.append(
                 f"the satellite positions are not used: they contradict the cameras, by {error_m:.3g} m "
@@ -133,10 +134,10 @@ def stated(altitude_m: float) -> str:
     return f"--altitude: the median distance from the cameras to what they see is {altitude_m:g} m"
 
 
-def centres_of(viewmats: Floats) -> Floats:
+def centers_of(viewmats: Floats) -> Floats:
     """Camera centres [N, 3]."""
-    centres: Floats = -np.einsum("nji,nj->ni", viewmats[:, :3, :3], viewmats[:, :3, 3])
-    return centres
+    centers: Floats = -np.einsum("nji,nj->ni", viewmats[:, :3, :3], viewmats[:, :3, 3])
+    return centers
 
 
 def viewing_distance(viewmats: Floats, points: Floats) -> float:
@@ -147,16 +148,16 @@ def viewing_distance(viewmats: Floats, points: Floats) -> float:
 
 def level_ground(viewmats: Floats, points: Floats, distance: float, seed: int) -> Similarity:
     """Rigid: the ground at z = 0 and level, the origin below the middle of the flight, x to the first image's right."""
-    centres = centres_of(viewmats)
+    centers = centers_of(viewmats)
     normal, offset = _ground_plane(points, GROUND_SHARE * distance, np.random.default_rng(seed))
-    if (centres @ normal).mean() < offset:
+    if (centers @ normal).mean() < offset:
         normal, offset = -normal, -offset
     right = viewmats[0, 0, :3] - (viewmats[0, 0, :3] @ normal) * normal
     if np.linalg.norm(right) < 1e-6:
         right = np.linalg.svd(normal[None])[2][1]
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(normal, right), normal])
-    below = np.median(centres, axis=0)
+    below = np.median(centers, axis=0)
     below = below - (below @ normal - offset) * normal
     return Similarity(1.0, rotation, -rotation @ below)
 
@@ -181,15 +182,15 @@ def _ground_plane(points: Floats, thickness: float, generator: np.random.Generat
 
 
 def _by_satellite(
-    centres: Floats, enu: Floats, spans: Floats, level: Similarity, points: Floats, first: Position
+    centers: Floats, enu: Floats, spans: Floats, level: Similarity, points: Floats, first: Position
 ) -> World:
     if spans[1] > max(2 * NOISE_M, 0.05 * spans[0]):
-        similarity, up = robust_similarity(centres, enu), "satellite positions"
+        similarity, up = robust_similarity(centers, enu), "satellite positions"
     else:
         # On a line, a roll about it is unseen: the ground gives up, the positions heading, scale and place.
-        similarity = level.then(_about_vertical(level.of_points(centres), enu))
+        similarity = level.then(_about_vertical(level.of_points(centers), enu))
         up = "the ground: the flight is too straight for satellite positions to say it"
-    errors = np.linalg.norm(similarity.of_points(centres) - enu, axis=1)
+    errors = np.linalg.norm(similarity.of_points(centers) - enu, axis=1)
     # Ground level at z = 0, whatever level the altitudes count from.
     ground = float(np.percentile(similarity.of_points(points)[:, 2], 20))
     lowered = similarity.then(Similarity(1.0, np.eye(3), np.array([0.0, 0.0, -ground])))

@@ -36,7 +36,7 @@ def read_picture(path: Path) -> NDArray[np.uint8]:
 
 
 def is_plain(path: Path) -> bool:
-    """Whether the file is an upright 8-bit RGB JPEG or PNG: what every other program reads as the same pixels."""
+    """True for an upright 8-bit RGB JPEG or PNG: what every other program reads as the same pixels."""
     try:
         with Image.open(path) as image:
             upright = image.getexif().get(ORIENTATION, UPRIGHT) == UPRIGHT

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -14,13 +15,16 @@ from PIL import Image
 
 from aa4d import __version__
 from aa4d.capture.clip import Clip
-from aa4d.capture.reader import PinholeCamera, read_capture
+from aa4d.capture.mapping import Cameras
+from aa4d.capture.matching import Matches
+from aa4d.capture.placement import Placement
+from aa4d.capture.reader import read_capture
+from aa4d.capture.schema import PinholeCamera
+from aa4d.capture.selfcheck import SelfCheck
+from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.writing import Cloud, Shot
 from aa4d.files import write_text
 from aa4d.identity import Identity, digest_of
-
-if TYPE_CHECKING:
-    from aa4d.capture.make import Made
 
 SHOWN_POINTS = 20_000
 PICTURED_FRAMES = 4
@@ -28,35 +32,34 @@ PICTURE_PX = 480
 
 
 def write_report(
-    made: Made,
+    made: CaptureSummary,
     clip: Clip,
-    cameras: dict[str, Any],
-    geometry: dict[str, Any],
-    checked: dict[str, Any],
-    shots: list[Shot],
-    cloud: Cloud,
-    pinhole: PinholeCamera,
+    cameras: Cameras,
+    matches: Matches | None,
+    checked: SelfCheck,
+    placement: Placement,
 ) -> None:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
+    shots, pinhole = placement.shots, placement.pinhole
     capture = read_capture(made.folder).identity
-    centres = np.array([-s.viewmat[:3, :3].T @ s.viewmat[:3, 3] for s in shots])
+    centers = np.array([-s.viewmat[:3, :3].T @ s.viewmat[:3, 3] for s in shots])
     right, down, ahead = (np.array([s.viewmat[axis, :3] for s in shots]) for axis in range(3))
     html = environment.get_template("report.html.jinja").render(
         identity=Identity("report", digest_of({"version": __version__}), {"capture": capture.digest()}).as_text(),
         made=made,
         clip=clip,
         cameras=cameras,
-        geometry=geometry,
+        geometry={} if matches is None else matches.geometry,
         checked=checked,
         pinhole=pinhole,
         total=sum(made.seconds.values()),
         share=made.frames / made.used,
-        frame_errors=_svg_bars([checked["frame_px"].get(s.name, 0.0) for s in shots]),
-        histogram=_svg_bars(checked["histogram"]),
+        frame_errors=_svg_bars([checked.frame_px.get(s.name, 0.0) for s in shots]),
+        histogram=_svg_bars(checked.histogram),
         pictures=[_picture(made.folder, shots[i]) for i in spread(len(shots))],
-        view=_view(cloud, centres, right, down, ahead, pinhole),
+        view=_view(placement.cloud, centers, right, down, ahead, pinhole),
     )
     write_text(made.report, html)
 
@@ -67,29 +70,29 @@ def spread(count: int) -> list[int]:
 
 def _view(
     cloud: Cloud,
-    centres: NDArray[np.float64],
+    centers: NDArray[np.float64],
     right: NDArray[np.float64],
     down: NDArray[np.float64],
     ahead: NDArray[np.float64],
     pinhole: PinholeCamera,
 ) -> dict[str, Any]:
-    """What the page's 3D view draws, centred and at unit size: points, colours, camera frusta."""
+    """Contents of the page's 3D view, centered and at unit size: points, colors, camera frusta."""
     chosen = np.random.default_rng(0).permutation(len(cloud.positions))[:SHOWN_POINTS]
     points, colors = cloud.positions[chosen], cloud.colors[chosen]
     middle = np.median(points, axis=0)
     # Nine tenths of the points and all cameras fill the view.
     reach = max(
         float(np.percentile(np.linalg.norm(points - middle, axis=1), 90)),
-        float(np.linalg.norm(centres - middle, axis=1).max()),
+        float(np.linalg.norm(centers - middle, axis=1).max()),
     )
     depth = 0.06 * reach
     half_width = 0.5 * pinhole.width / pinhole.K[0, 0] * depth
     half_height = 0.5 * pinhole.height / pinhole.K[1, 1] * depth
     corners = [
-        centres + depth * ahead + x * half_width * right + y * half_height * down
+        centers + depth * ahead + x * half_width * right + y * half_height * down
         for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
-    frusta = np.stack([centres, *corners], axis=1)
+    frusta = np.stack([centers, *corners], axis=1)
     return {
         "points": _base64(((points - middle) / reach).astype("<f4")),
         "colors": _base64(colors),
@@ -101,7 +104,7 @@ def _base64(values: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
-def _svg_bars(values: list[float]) -> str:
+def _svg_bars(values: Sequence[float]) -> str:
     """Bars as SVG, the highest filling the height."""
     top = max([*values, 1e-9])
     bars = "".join(

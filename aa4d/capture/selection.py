@@ -7,7 +7,7 @@ import shutil
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import cv2
@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 from aa4d.capture.clip import Clip, ClipFrame, Picture
 from aa4d.capture.pictures import save_png
 from aa4d.capture.settings import Selection
-from aa4d.capture.workspace import Progress
+from aa4d.capture.sources import Source
+from aa4d.capture.workspace import Progress, Step
 from aa4d.errors import InputError
 
 SHARPNESS_PX = 640  # sharpness and repetition are judged on pictures of that width
 THUMBNAIL = (64, 36)
 NEIGHBOURS = 5  # sharpness is compared with the median of so many frames to each side
-MOST_OBLONG = 20  # a side of the other: beyond, smaller pictures would have no pixel across
-FEWEST = 3  # frames, for a reconstruction
+MAX_ASPECT_RATIO = 20  # beyond, smaller pictures would have no pixel across
+MIN_FRAMES = 3  # for a reconstruction
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,15 @@ def sharpness(pixels: NDArray[np.uint8]) -> float:
 def thumbnail(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
     return np.asarray(cv2.resize(grey, THUMBNAIL, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def frames_step(source: Source, selection: Selection) -> Step[Clip]:
+    def run(folder: Path, progress: Progress) -> Clip:
+        for leftover in folder.glob("*.*g"):
+            leftover.unlink()
+        return make_clip(source.pictures, source.times_s(), selection, source.notes, folder, progress)
+
+    return Step("frames", [source.stamps(), asdict(selection)], run, Clip)
 
 
 def make_clip(
@@ -88,7 +98,7 @@ def make_clip(
         ("blurred", _blurred(kept, selection.blurred_below)),
     ):
         _reject(kept, rejected, reason, folder, notes)
-    if len(kept) < FEWEST:
+    if len(kept) < MIN_FRAMES:
         raise InputError(_too_few(kept, notes))
     width, height = _size_of(folder / kept[0].file)
     frames = tuple(
@@ -103,7 +113,7 @@ def is_within(time_s: float, selection: Selection) -> bool:
 
 
 def _ticks(within: list[float], selection: Selection) -> Callable[[float], int]:
-    """Which frame of the clip a time falls to: by the rate, else so that `most_frames` are spread over all times."""
+    """The frame of the clip that a time falls to: by the rate, else so that `most_frames` are spread over all times."""
     rate = selection.rate
     if rate is not None:
         return lambda time_s: int((time_s - selection.start_s) * rate)
@@ -118,7 +128,7 @@ def _sharpest(
     folder: Path,
     notes: list[str],
 ) -> Iterator[Candidate]:
-    """Of the pictures in range that fall to one tick, the sharpest."""
+    """The sharpest of the pictures in range that fall to one tick."""
     best: tuple[float, Picture, NDArray[np.uint8]] | None = None
     tick, written = None, 0
     for picture in pictures:
@@ -129,7 +139,7 @@ def _sharpest(
         this = tick_of(picture.time_s)
         try:
             pixels = picture.load()
-            if max(pixels.shape[:2]) > MOST_OBLONG * min(pixels.shape[:2]):
+            if max(pixels.shape[:2]) > MAX_ASPECT_RATIO * min(pixels.shape[:2]):
                 raise InputError(f"{pixels.shape[1]}x{pixels.shape[0]} pixels are no frame of a camera")
         except InputError as error:
             notes.append(f"{picture.label} left out: {error}")
@@ -196,7 +206,7 @@ def _reject(kept: list[Candidate], rejected: list[int], reason: str, folder: Pat
     if not rejected:
         return
     labels = [kept[i].picture.label for i in rejected]
-    notes.append(f"{some(labels)} left out: {reason}")
+    notes.append(f"{abbreviate(labels)} left out: {reason}")
     for i in reversed(rejected):
         (folder / kept.pop(i).file).unlink()
 
@@ -206,8 +216,8 @@ def shown(path: Path) -> str:
     return os.fsencode(path.name).decode("utf-8", errors="backslashreplace")
 
 
-def some(labels: list[str]) -> str:
-    """A few names of many."""
+def abbreviate(labels: list[str]) -> str:
+    """The names, or a few of many."""
     if len(labels) <= 4:
         return ", ".join(labels)
     return f"{len(labels)} frames ({labels[0]}, {labels[1]}, ... {labels[-1]})"
@@ -224,4 +234,4 @@ def _too_few(kept: list[Candidate], notes: list[str]) -> str:
     reasons = "; ".join(notes if len(notes) <= 3 else [*notes[:2], f"and {len(notes) - 2} more notes"])
     found = f"{len(kept)} usable frame{'' if len(kept) == 1 else 's'}"
     advice = "give a longer clip, a higher --rate, or a range (--start, --end) in which the drone moves"
-    return f"{found}, and at least {FEWEST} are needed{f' ({reasons})' if reasons else ''}; {advice}"
+    return f"{found}, and at least {MIN_FRAMES} are needed{f' ({reasons})' if reasons else ''}; {advice}"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,33 @@ from numpy.typing import NDArray
 from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.errors import InputError
 
-LARGEST_ERROR_PX = 3.0  # median reprojection error, in the frames that were reconstructed from
-LARGEST_COLOR = 60.0  # median difference of a point's colour from the pixel it falls on, of 255
+MAX_ERROR_PX = 3.0  # median reprojection error, in the frames that were reconstructed from
+MAX_COLOR_DIFFERENCE = 60.0  # median difference of a point's colour from the pixel it falls on, of 255
 COMPARED_FRAMES = 5
 
 Floats = NDArray[np.float64]
 
 
-def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], shrunk: float) -> dict[str, Any]:
-    """Errors are in pixels of the capture's frames.
+@dataclass(frozen=True)
+class ReprojectionError:
+    """Error of all observations, in pixels of the capture's frames."""
+
+    median: float
+    mean: float
+    p90: float
+
+
+@dataclass(frozen=True)
+class SelfCheck:
+    reprojection_px: ReprojectionError
+    frame_px: dict[str, float]  # median of each frame that shows points, by its name
+    histogram: list[int]  # observations by their error, in 20 bins from 0 to 4 px
+    color_difference: float  # median, of 255
+    steps_m: list[float]  # between successive cameras
+
+
+def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], shrunk: float) -> SelfCheck:
+    """Compare a capture, as training reads it, with what it was reconstructed from.
 
     Args:
         observations: for each frame's name, points [M, 3] in world coordinates and where the frame shows them [M, 2],
@@ -39,23 +57,19 @@ def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], 
         raise InputError("the self-check failed: no frame shows any point; reconstruct with --preset accurate")
     every = np.concatenate(list(errors.values()))
     color = _color_difference(capture)
-    if float(np.median(every)) > LARGEST_ERROR_PX * shrunk or color > LARGEST_COLOR:
+    if float(np.median(every)) > MAX_ERROR_PX * shrunk or color > MAX_COLOR_DIFFERENCE:
         size = f"{capture.camera.width}x{capture.camera.height}"
         raise InputError(
             f"the self-check failed (reprojection error {np.median(every):.1f} px in frames of {size}, colours "
             f"{color:.0f} of 255 apart): the cameras do not belong to these frames; try --preset accurate"
         )
-    return {
-        "reprojection_px": {
-            "median": float(np.median(every)),
-            "mean": float(every.mean()),
-            "p90": float(np.percentile(every, 90)),
-        },
-        "frame_px": {name: float(np.median(e)) for name, e in errors.items()},
-        "histogram": np.histogram(every, bins=20, range=(0, 4))[0].tolist(),
-        "color_difference": color,
-        "steps_m": _steps(capture),
-    }
+    return SelfCheck(
+        ReprojectionError(float(np.median(every)), float(every.mean()), float(np.percentile(every, 90))),
+        frame_px={name: float(np.median(e)) for name, e in errors.items()},
+        histogram=np.histogram(every, bins=20, range=(0, 4))[0].tolist(),
+        color_difference=color,
+        steps_m=_steps(capture),
+    )
 
 
 def reprojection_errors_px(capture: Capture, viewmat: Floats, points: Floats, pixels: Floats) -> Floats:
@@ -90,5 +104,5 @@ def _color_difference(capture: Capture) -> float:
 
 def _steps(capture: Capture) -> list[float]:
     """Distances between successive cameras: a jump is a frame in the wrong place."""
-    centres = np.array([-f.viewmat[:3, :3].T @ f.viewmat[:3, 3] for f in capture.frames])
-    return [float(d) for d in np.linalg.norm(np.diff(centres, axis=0), axis=1)]
+    centers = np.array([-f.viewmat[:3, :3].T @ f.viewmat[:3, 3] for f in capture.frames])
+    return [float(d) for d in np.linalg.norm(np.diff(centers, axis=0), axis=1)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from aa4d.capture.reader import FARTHEST_M, MOST_PX
+from aa4d.capture.schema import FARTHEST_M, MAX_SIDE_PX
 from aa4d.settings.allowed import NameIn, Range, Share
 
 USUAL_FPS = 30.0
@@ -19,7 +19,7 @@ PerSecond = Annotated[float, Range(1e-3, 1e6)]
 Seconds = Annotated[float, Range(0, 1e9)]
 Meters = Annotated[float, Range(1e-3, FARTHEST_M)]
 Degrees = Annotated[float, Range(1, 150)]
-Pixels = Annotated[int, Range(64, MOST_PX)]
+Pixels = Annotated[int, Range(64, MAX_SIDE_PX)]
 Grays = Annotated[float, Range(0, 255)]
 
 

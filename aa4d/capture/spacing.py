@@ -1,4 +1,4 @@
-"""How far apart the frames used may lie: a mover is followed from one to the next, so it must not travel too far.
+"""Spacing of the frames used: a mover is followed from one to the next, so it must not travel too far.
 
 What a mover travels is measured in its own lengths, which needs no scale: beyond about half a length it lies nearer to
 where its neighbour was than to where it was itself. It is measured on frames of the source that follow each other
@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from aa4d.capture.advice import Advice
 from aa4d.capture.movers import (
     DISAGREEMENT_PX,
-    LARGEST,
+    MAX_MOVING_FRACTION,
     Floats,
     beside_background,
     fine_flow,
@@ -30,21 +31,21 @@ from aa4d.capture.movers import (
 from aa4d.capture.selection import is_within
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source
-from aa4d.capture.workspace import Progress
+from aa4d.capture.workspace import Progress, Step, StepResult
 from aa4d.errors import InputError
 
-LENGTHS = 0.5  # that a mover may travel from one frame used to the next
-MOST_LENGTHS = 0.75  # beyond, it is told that movers cannot be followed
+LENGTHS = 0.5  # own lengths that a mover may travel from one frame used to the next
+MAX_LENGTHS = 0.75  # beyond, it is told that movers cannot be followed
 LOOKS = 6  # places of the clip
 GAPS_S = (0.1, 0.3)  # between the frames compared; the second where the first shows too little
-FEWEST_SEEN = 5  # movers, over all places: with fewer, nothing is said
-SLOWER = 75  # per cent of the movers: a few fast ones do not decide
-LONGEST_PX = 960  # of the pictures in which motion is measured
-MOST_ENLARGED = 2.0
-ASYMMETRY = 0.35  # of its speed, between a mover's motion before and after
-SAME_MOTION = 0.4  # of its speed, by which the motion of a mover's pixels may differ
+MIN_SEEN = 5  # movers, over all places: with fewer, nothing is said
+PACE_PERCENTILE = 75  # a few fast movers do not decide
+LONGEST_PX = 960  # longest side of the pictures in which motion is measured
+MAX_ENLARGEMENT = 2.0
+ASYMMETRY = 0.35  # fraction of its speed, between a mover's motion before and after
+SAME_MOTION = 0.4  # fraction of its speed, by which the motion of a mover's pixels may differ
 STEADY = 0.2  # the same for the median pixel of what first showed it
-FILLED = 0.5  # of the rectangle around a mover: what is thinner is an outline or the rim of a house
+FILLED = 0.5  # fraction of the rectangle around a mover: what is thinner is an outline or the rim of a house
 BORDER_PX = 2
 SPILL = 1.25  # flow reaches over outlines: movers come out longer by about that (docs/capture.md)
 
@@ -53,27 +54,48 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast movers are, and what the source has to follow them by."""
+    """Speed of the movers, and the frames that the source has to follow them by."""
 
-    lengths_per_s: float  # of their own, by a fast mover
+    lengths_per_s: float  # own lengths, by a fast mover
     step_s: float  # from a frame of the source to the next
-    first_s: float  # of the source's range
+    first_s: float  # bounds of the source's range
     last_s: float
 
 
-def choose_spacing(source: Source, selection: Selection, progress: Progress) -> dict[str, Any]:
-    """A step of `aa4d capture`: `pace` (as Pace, or None where it cannot be told), `end_s` of the selection, `notes`.
+@dataclass(frozen=True)
+class Spacing(StepResult):
+    pace: Pace | None  # None where it cannot be told
+    end_s: float | None  # end of the selection
+    notes: tuple[str, ...]
 
-    Where nobody has said which frames to use, the clip ends where so many as are used at most lie close enough for
-    movers to be followed. Nothing is taken from `source.pictures`.
+    @classmethod
+    def from_json(cls, folder: Path, value: dict[str, Any]) -> Self:
+        pace = value["pace"]
+        return cls(folder, Pace(**pace) if pace else None, value["end_s"], tuple(value["notes"]))
+
+
+def spacing_step(source: Source, selection: Selection) -> Step[Spacing]:
+    return Step(
+        "spacing",
+        [source.stamps(), selection.start_s, selection.end_s, selection.folder_fps, selection.is_open],
+        lambda folder, progress: choose_spacing(source, selection, folder, progress),
+        Spacing,
+    )
+
+
+def choose_spacing(source: Source, selection: Selection, folder: Path, progress: Progress) -> Spacing:
+    """Measure the movers' pace, and end the clip where they could no longer be followed.
+
+    Where nobody has said which frames to use, it ends where so many as are used at most lie close enough together.
+    Nothing is taken from `source.pictures`, and nothing is written into `folder`.
     """
     times = [t for t in source.times_s() if is_within(t, selection)]
     paces = _paces(source, times, progress)
-    if len(paces) < FEWEST_SEEN:
-        return {"pace": None, "end_s": selection.end_s, "notes": []}
-    pace = Pace(float(np.percentile(paces, SLOWER)), _step_of(times), times[0], times[-1])
+    if len(paces) < MIN_SEEN:
+        return Spacing(folder, None, selection.end_s, ())
+    pace = Pace(float(np.percentile(paces, PACE_PERCENTILE)), _step_of(times), times[0], times[-1])
     end_s, notes = followable_until(pace, times, selection)
-    return {"pace": asdict(pace), "end_s": end_s, "notes": notes}
+    return Spacing(folder, pace, end_s, tuple(notes))
 
 
 def followable_until(pace: Pace, times: list[float], selection: Selection) -> tuple[float | None, list[str]]:
@@ -83,7 +105,7 @@ def followable_until(pace: Pace, times: list[float], selection: Selection) -> tu
         times: of the source's frames in the range.
     """
     stride, most = _stride(pace), selection.most_frames
-    if not selection.is_open or pace.lengths_per_s * pace.step_s > MOST_LENGTHS or len(times) <= stride * most:
+    if not selection.is_open or pace.lengths_per_s * pace.step_s > MAX_LENGTHS or len(times) <= stride * most:
         return selection.end_s, []
     end_s = times[stride * most - 1] + 0.5 * pace.step_s  # a decoder may round times otherwise than its index
     note = (
@@ -95,12 +117,12 @@ def followable_until(pace: Pace, times: list[float], selection: Selection) -> tu
 
 
 def spacing_advice(pace: Pace, used_s: list[float], most_frames: int) -> list[Advice]:
-    """What to do where movers travel too far between the frames used, which are shown at `used_s`."""
+    """Advice where movers travel too far between the frames used, which are shown at `used_s`."""
     lengths = pace.lengths_per_s * _step_of(used_s)
-    if lengths <= MOST_LENGTHS:
+    if lengths <= MAX_LENGTHS:
         return []
     between = pace.lengths_per_s * pace.step_s
-    if between > MOST_LENGTHS:
+    if between > MAX_LENGTHS:
         said = (
             f"Movers travel {lengths:.1f} of their own length between the frames used, and {between:.1f} between "
             "successive frames of the input: they cannot be followed. Give "
@@ -132,7 +154,7 @@ def _paces(source: Source, times: list[float], progress: Progress) -> list[float
     found: list[float] = []
     for attempt, gap_s in enumerate(GAPS_S):
         stride = max(round(gap_s / _step_of(times)), 1) if len(times) > 1 else 1
-        if len(times) < 2 * stride + 1 or len(found) >= FEWEST_SEEN:
+        if len(times) < 2 * stride + 1 or len(found) >= MIN_SEEN:
             break
         places = np.unique(np.linspace(stride, len(times) - 1 - stride, LOOKS).astype(int))
         found = []
@@ -165,13 +187,13 @@ def _paces_at(source: Source, times: list[float], place: int, stride: int) -> li
 
 def _grey(pixels: Picture) -> Picture:
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
-    scale = min(LONGEST_PX / max(grey.shape), MOST_ENLARGED)
+    scale = min(LONGEST_PX / max(grey.shape), MAX_ENLARGEMENT)
     kind = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=kind), np.uint8)
 
 
 def lengths_travelled(before: Picture, here: Picture, after: Picture) -> list[float]:
-    """Of every mover in `here` [H, W]: its way to either neighbour over its extent along that way."""
+    """For every mover in `here` [H, W]: its way to either neighbour over its extent along that way."""
 
     def towards(there: Picture) -> tuple[Floats, Floats] | None:
         rough = np.asarray(rough_flow().calc(here, there, no_guess(here)), np.float32)
@@ -182,7 +204,7 @@ def lengths_travelled(before: Picture, here: Picture, after: Picture) -> list[fl
         return []
     (away_before, back), (away_after, forth) = earlier, later
     away = np.minimum(away_before, away_after)
-    if (away > DISAGREEMENT_PX).mean() > LARGEST:
+    if (away > DISAGREEMENT_PX).mean() > MAX_MOVING_FRACTION:
         return []  # the background was not found
     motion = 0.5 * (forth - back)
     speed = np.linalg.norm(motion, axis=2)

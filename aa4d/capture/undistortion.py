@@ -6,6 +6,7 @@ rectangle is cut where the lens ends, not centred.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,54 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aa4d.capture.pictures import read_picture
-from aa4d.capture.reader import PinholeCamera
+from aa4d.capture.clip import Clip
+from aa4d.capture.movers import Masks, mask_path, read_mask
+from aa4d.capture.pictures import read_picture, save_png
+from aa4d.capture.schema import PinholeCamera
+from aa4d.capture.workspace import Progress, Step, StepResult
 
 Floats = NDArray[np.float64]
 OUTLINE_POINTS = 9  # on each edge of a box: under distortion it is no rectangle
+
+
+@dataclass(frozen=True)
+class Pictures(StepResult):
+    """NAME.png of every frame of the capture, and NAME.mask.png where there are masks: white is what moves."""
+
+
+def pictures_step(
+    clip: Clip, ranks: list[int], cameras: list[Any], pinhole: PinholeCamera, masks: Masks | None, size_px: int
+) -> Step[Pictures]:
+    """Undistort the frames of these ranks in the clip, each taken by one of `cameras` (COLMAP's)."""
+    return Step(
+        "pictures", [size_px], lambda *place: write_pictures(clip, ranks, cameras, pinhole, masks, *place), Pictures
+    )
+
+
+def write_pictures(
+    clip: Clip,
+    ranks: list[int],
+    cameras: list[Any],
+    pinhole: PinholeCamera,
+    masks: Masks | None,
+    folder: Path,
+    progress: Progress,
+) -> Pictures:
+    """Write what is not there yet: a frame's picture comes after its mask."""
+    maps: dict[int, Undistortion] = {}
+    for done, (rank, camera) in enumerate(zip(ranks, cameras, strict=True), 1):
+        if camera.camera_id not in maps:
+            maps[camera.camera_id] = Undistortion(camera, pinhole)
+        undistortion, frame = maps[camera.camera_id], clip.frames[rank]
+        target = folder / f"{Path(frame.file).stem}.png"
+        if not target.exists():
+            if masks is not None:
+                moving = read_mask(mask_path(masks.folder, frame.file))
+                white = np.where(moving, 255, 0).astype(np.uint8)
+                save_png(target.with_suffix(".mask.png"), undistortion.mask(white))
+            save_png(target, undistortion.picture(clip.folder / frame.file))
+        progress(done, len(ranks))
+    return Pictures(folder)
 
 
 def pinhole_of(cameras: list[Any], size_px: int) -> PinholeCamera:
@@ -93,7 +137,7 @@ class Undistortion:
 
 
 def pinhole_pixels(camera: Any, pinhole: PinholeCamera, pixels: Floats) -> Floats:
-    """Where pixels [M, 2] of a COLMAP camera lie in the pinhole picture."""
+    """Places in the pinhole picture of pixels [M, 2] of a COLMAP camera."""
     rays: Floats = np.asarray(camera.cam_from_img(pixels))
     on_picture: Floats = rays * [pinhole.K[0, 0], pinhole.K[1, 1]] + [pinhole.K[0, 2], pinhole.K[1, 2]]
     return on_picture

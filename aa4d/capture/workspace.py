@@ -14,18 +14,16 @@ import json
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, Self, TypeVar
 
 from aa4d.errors import InputError
 from aa4d.files import write_json
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-# What a step tells whoever watches: units done, units in all (None while unknown).
+# Called by a step for whoever watches: units done, units in all (None while unknown).
 Progress = Callable[[int, int | None], None]
-# A step makes its files in the folder and returns what later steps and the report need, as JSON.
-Run = Callable[[Path, Progress], dict[str, Any]]
 
 
 class DiskFullError(InputError):
@@ -33,15 +31,36 @@ class DiskFullError(InputError):
 
 
 @dataclass(frozen=True)
-class Done:
+class StepResult:
+    """Base of the results of steps: its files, and fields that later steps and the report need, kept as JSON."""
+
     folder: Path
-    result: dict[str, Any]
-    seconds: float
-    was_cached: bool
+
+    def as_json(self) -> dict[str, Any]:
+        value = asdict(self)
+        del value["folder"]
+        return value
+
+    @classmethod
+    def from_json(cls, folder: Path, value: dict[str, Any]) -> Self:
+        """Raises KeyError or TypeError for a record that another version has written."""
+        kept = {f.name: value[f.name] for f in fields(cls) if f.name != "folder"}
+        return cls(folder, **{name: tuple(v) if isinstance(v, list) else v for name, v in kept.items()})
+
+
+R = TypeVar("R", bound=StepResult)
+
+
+@dataclass(frozen=True)
+class Step(Generic[R]):
+    name: str  # name of its folder
+    settings: Any  # all that the result depends on, besides the steps before: anything that JSON holds
+    run: Callable[[Path, Progress], R]  # makes the step's files in the folder
+    result: type[R]
 
 
 class Workspace:
-    """The steps' folders, in the order in which `step` is called."""
+    """The steps' folders, in the order in which `run` is called."""
 
     def __init__(self, folder: Path, watch: Callable[[str, bool], Progress]) -> None:
         """
@@ -54,27 +73,29 @@ class Workspace:
         self._digest = ""
         self._valid = True  # until a step is repeated: whatever stands after it is stale
 
-    def step(self, name: str, settings: Any, run: Run) -> Done:
+    def run(self, step: Step[R]) -> R:
         """The result of a step, made now or before.
 
         Raises:
-            DiskFullError: what was made is kept; whatever `run` raises.
+            DiskFullError: what was made is kept; whatever the step's `run` raises.
         """
-        text = json.dumps([name, settings, self._digest], sort_keys=True, default=str)
+        name = step.name
+        text = json.dumps([name, step.settings, self._digest], sort_keys=True, default=str)
         self._digest = hashlib.sha256(text.encode()).hexdigest()[:16]
         folder, part = self.folder / name, self.folder / f"{name}.part"
         record = self._record(folder) if self._valid else None
-        if record is not None:
+        kept = None if record is None else _result(step.result, folder, record)
+        if record is not None and kept is not None:
             self._watch(name, True)
             self.seconds[name] = record["seconds"]
-            return Done(folder, record["result"], record["seconds"], True)
+            return kept
         self._valid = False
         progress = self._watch(name, False)
         shutil.rmtree(folder, ignore_errors=True)
         stopped = self._prepare(part)
         started = time.perf_counter()
         try:
-            result = run(part, progress)
+            result = step.run(part, progress).as_json()
         except OSError as error:
             if error.errno in FULL:
                 raise DiskFullError(
@@ -91,15 +112,15 @@ class Workspace:
         write_json(part / "done.json", done)
         part.replace(folder)
         self.seconds[name] = spent
-        return Done(folder, result, spent, False)
+        return step.result.from_json(folder, result)
 
-    def result(self, name: str) -> dict[str, Any] | None:
-        """What that step returned when it was last done, under whatever settings."""
+    def earlier(self, name: str, kind: type[R]) -> R | None:
+        """The result of that step when it was last done, under whatever settings."""
         record = _read(self.folder / name / "done.json")
-        return None if record is None else record.get("result")
+        return None if record is None else _result(kind, self.folder / name, record)
 
     def forget(self, name: str) -> None:
-        """The next call of that step makes it anew."""
+        """Make that step anew when it is run next."""
         (self.folder / name / "done.json").unlink(missing_ok=True)
 
     def _record(self, folder: Path) -> dict[str, Any] | None:
@@ -118,6 +139,14 @@ class Workspace:
         # Written first: a step that is killed outright is known again too.
         _try_write(part / "stopped.json", {"digest": self._digest, "seconds": 0.0})
         return 0.0
+
+
+def _result(kind: type[R], folder: Path, record: dict[str, Any]) -> R | None:
+    """None where the record has not the fields of this version."""
+    try:
+        return kind.from_json(folder, record["result"])
+    except (KeyError, TypeError, AttributeError):
+        return None
 
 
 def _sizes(folder: Path) -> dict[str, int]:

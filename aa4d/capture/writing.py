@@ -14,7 +14,9 @@ from plyfile import PlyData, PlyElement
 
 from aa4d import __version__
 from aa4d.capture.content import CHECKSUMS, content_of, digests_of
-from aa4d.capture.reader import BOXES, CAPTURE_VERSION, FARTHEST_M, Boxes, PinholeCamera
+from aa4d.capture.reader import CAPTURE_VERSION
+from aa4d.capture.schema import FARTHEST_M, PinholeCamera
+from aa4d.capture.truth import BOXES, Boxes
 from aa4d.files import whole_file, write_json, write_text
 from aa4d.identity import Identity, digest_of_file
 
@@ -30,7 +32,7 @@ class Shot:
     """One frame of the capture."""
 
     name: str
-    label: str  # in the source
+    label: str  # name in the source
     time_s: float
     viewmat: Floats  # [4, 4]
 

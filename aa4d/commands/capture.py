@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import os
 import shlex
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-from rich.progress import TimeRemainingColumn as Left
 from tyro.conf import Positional, arg
 
 from aa4d.commands.choices import name_in
 from aa4d.commands.settings_options import Assignments, Config
-from aa4d.console import SECONDS_BETWEEN_LINES, console
+from aa4d.console import capture_progress, console
 from aa4d.files import write_text
 
 if TYPE_CHECKING:
-    from aa4d.capture.make import Made
+    from aa4d.capture.summary import CaptureSummary
 
 
 HEADING = "The settings of this capture; `aa4d capture INPUT --out FOLDER --config settings.toml` takes the same."
@@ -79,7 +74,7 @@ def capture(
         float | None,
         arg(metavar="FLOAT", help="Metres from the camera to what it sees: the scale, where nothing else gives it."),
     ] = None,
-    seed: Annotated[int | None, arg(metavar="INT", help="Of everything random; by default 0.")] = None,
+    seed: Annotated[int | None, arg(metavar="INT", help="Random seed; by default 0.")] = None,
     threads: Annotated[int | None, arg(metavar="INT", help="Threads; by default one for each core.")] = None,
 ) -> None:
     """Make a capture from a drone video or its frames: cameras, points, masks of movers. Continues where it stopped."""
@@ -113,17 +108,17 @@ def capture(
     tell(made)
 
 
-def tell(made: Made) -> None:
+def tell(made: CaptureSummary) -> None:
     """What was made, what was left out, and what would help."""
-    unit = "metres" if made.world["unit"] == "metres" else "not known to be metres"
+    unit = "metres" if made.world.unit == "metres" else "not known to be metres"
     width, height = made.size
-    error_m = made.world["gnss_error_m"]
+    error_m = made.world.gnss_error_m
     fit = "" if error_m is None else f", the cameras {error_m:.2f} m from theirs (median)"
     console.print(
         f"{made.frames} of {made.used} frames have a pose, {made.points} points, reprojection error "
         f"{made.reprojection_px:.2f} px in frames of {width}x{height}, field of view {made.fov_deg:.0f} degrees, "
         f"{sum(made.seconds.values()):.0f} s\n"
-        f"scale: {unit} ({made.world['scale_from']}{fit})\nup: {made.world['up_from']}\nmovers: {made.movers}",
+        f"scale: {unit} ({made.world.scale_from}{fit})\nup: {made.world.up_from}\nmovers: {made.movers}",
         highlight=False,
         soft_wrap=True,
     )
@@ -138,41 +133,3 @@ def tell(made: Made) -> None:
         highlight=False,
         soft_wrap=True,
     )
-
-
-@contextmanager
-def capture_progress() -> Iterator[CaptureDisplay]:
-    columns = (TextColumn("{task.description:>9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), Left())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        yield CaptureDisplay(bar)
-
-
-class CaptureDisplay:
-    """One line a step; lines now and then where the output is a file."""
-
-    def __init__(self, bar: Progress) -> None:
-        self._bar = bar
-        self._spoken = time.monotonic()
-
-    def step(self, name: str, was_done: bool) -> StepLine:
-        task = self._bar.add_task(name, total=1 if was_done else None, completed=1 if was_done else 0)
-        if was_done and not console.is_terminal:
-            console.print(f"{name}: done before", highlight=False)
-        return StepLine(self, name, task)
-
-    def update(self, name: str, task: TaskID, done: int, total: int | None) -> None:
-        self._bar.update(task, completed=done, total=total)
-        now = time.monotonic()
-        finished = total is not None and done >= total and not self._bar.tasks[task].fields.get("told")
-        if not console.is_terminal and (finished or now - self._spoken >= SECONDS_BETWEEN_LINES):
-            self._spoken = now
-            self._bar.update(task, told=finished)
-            console.print(f"{name} {done}/{'?' if total is None else total}", highlight=False)
-
-
-class StepLine:
-    def __init__(self, display: CaptureDisplay, name: str, task: TaskID) -> None:
-        self._display, self._name, self._task = display, name, task
-
-    def __call__(self, done: int, total: int | None) -> None:
-        self._display.update(self._name, self._task, done, total)

@@ -28,15 +28,18 @@ def evaluate(
     device: Annotated[
         str,
         name_in("aa4d.device", "DEVICES", "--device"),
-        arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU."),
+        arg(help="auto: the CPU, until CUDA has trained on a real GPU."),
     ] = "auto",
 ) -> None:
     """Score a run on the held-out frames and time its rendering; writes metrics.json and eval/ into the run."""
+    from aa4d.device import note_on_device
     from aa4d.evaluation.evaluate import evaluate as run_evaluation
     from aa4d.evaluation.lpips_weights import obtain
 
     with step_progress("weights of LPIPS") as progress:
         perceptual = obtain(lpips, progress)
+    if note := note_on_device(device):  # type: ignore[arg-type]
+        console.print(note, highlight=False, soft_wrap=True)
     with step_progress("frames") as progress:
         metrics = run_evaluation(run, capture, progress, perceptual, device=device)  # type: ignore[arg-type]
     console.print(metrics_table(metrics.as_json()))

@@ -19,7 +19,7 @@ class ExperimentOptions:
     preset: Annotated[
         str | None,
         name_in("aa4d.methods.adaanchor4d.settings", "PRESETS", "--preset", "quick"),
-        arg(help="As of `aa4d train`."),
+        arg(help="Same presets as `aa4d train`."),
     ] = None
     config: Config = None
     assignments: Assignments = ()
@@ -31,7 +31,7 @@ class ExperimentOptions:
         name_in("aa4d.commands.train", "MOTION", "--motion", "none"),
         arg(help="none: the paper's model. tracks: every variant with anchors that ride on found tracks."),
     ] = None
-    jobs: Annotated[int, arg(help="Runs at a time; with several, each has one thread.")] = 1
+    jobs: Annotated[int, arg(help="Number of runs in parallel; with several, each has one thread.")] = 1
 
 
 Options = OmitArgPrefixes[ExperimentOptions]

@@ -63,10 +63,10 @@ def export(
     elif seen_from == "mean":
         eye = mean_eye(path_of_frames(loaded, "all"))
     else:
-        eye = view_of_frame(loaded, seen_from).centre()
+        eye = view_of_frame(loaded, seen_from).center()
     folder = out or run / "export" / f"{format}-{name}{'' if eye is None else f'-from-{seen_from}'}"
     if out is None and axes != "world":
         folder = folder.with_name(f"{folder.name}-{axes}")
     with step_progress("views") as progress:
         run_export(Clip(loaded, flown, eye, axes), format, folder, progress)
-    console.print(f"{EXPORTERS[format].says}: {folder}", highlight=False, soft_wrap=True)
+    console.print(f"{EXPORTERS[format].description}: {folder}", highlight=False, soft_wrap=True)

@@ -48,7 +48,7 @@ def verify(
 def cost(scene: Scene, out: Annotated[Path, arg(help="Folder for the table and the plot.")]) -> None:
     """Measure what accuracy costs in rendering time."""
     from aa4d.blender import run_in_blender
-    from aa4d.cost_plot import plot
+    from aa4d.reports.cost_plot import plot
 
     _end(run_in_blender("synth/cost.py", str(scene), "--out", str(out)))
     plot(out / "cost.json", out / "cost.png")
@@ -61,7 +61,7 @@ def sheet(
 ) -> None:
     """See and time a few frames of each scene at draft quality."""
     from aa4d.blender import run_in_blender
-    from aa4d.sheet_plot import plot
+    from aa4d.reports.contact_sheet import plot
 
     if not scenes:
         raise InputError("aa4d synth sheet: name at least one scene file")

@@ -37,7 +37,7 @@ def train(
     iterations: Annotated[
         tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
     ] = None,
-    seed: Annotated[int | None, arg(metavar="INT", help="Of everything random; by default 0.")] = None,
+    seed: Annotated[int | None, arg(metavar="INT", help="Random seed; by default 0.")] = None,
     no_dlgd: Annotated[
         FlagCreatePairsOff[bool], arg(help="Let offsets and scales not deform (paper, section 4.3).")
     ] = False,
@@ -64,7 +64,7 @@ def train(
     device: Annotated[
         str,
         name_in("aa4d.device", "DEVICES", "--device"),
-        arg(help="auto: CUDA where a GPU and gsplat are there, else the CPU."),
+        arg(help="auto: the CPU, until CUDA has trained on a real GPU."),
     ] = "auto",
     refine_poses: Annotated[
         FlagCreatePairsOff[bool],
@@ -74,6 +74,7 @@ def train(
 ) -> None:
     """Train a model on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
     from aa4d.capture.reader import read_capture
+    from aa4d.device import note_on_device
     from aa4d.methods import presets_of
     from aa4d.methods.settings import AnchorSettings, MotionSettings, with_iterations
     from aa4d.settings.given import Given, Options
@@ -99,6 +100,8 @@ def train(
         if min(iterations) < 1:
             raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")
         settings = with_iterations(settings, *iterations)
+    if note := note_on_device(device):  # type: ignore[arg-type]
+        console.print(note, highlight=False, soft_wrap=True)
     with training_progress() as progress:
         model = run_training(
             read_capture(capture),

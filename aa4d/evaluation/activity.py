@@ -63,6 +63,6 @@ class PooledError:
         }
 
     def share(self) -> dict[str, float]:
-        """Of all pixels, by class."""
+        """Fraction of all pixels, by class."""
         total = max(int(self._count.sum()), 1)
         return {name: float(count / total) for name, count in zip(CLASSES, self._count, strict=True) if count}

@@ -1,4 +1,4 @@
-"""How far what a model draws moves from one frame to another: its Gaussians' motion, drawn with them."""
+"""Motion of what a model draws from one frame to another: its Gaussians' motion, drawn with them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from aa4d.raster.types import Camera
 
 @dataclass(frozen=True)
 class DrawnMotion:
-    """Of the pixels of a frame to another; each the mean over what the pixel shows, weighted as its colour is."""
+    """Motion of the pixels of a frame to another; each the mean over what the pixel shows, weighted by color."""
 
     flow_px: NDArray[np.float64]  # [H, W, 2] x right, y down
     displacement_m: NDArray[np.float64]  # [H, W, 3]

@@ -17,7 +17,8 @@ from torch import Tensor
 
 from aa4d import __version__
 from aa4d.capture.content import check_content
-from aa4d.capture.reader import Capture, moving_mask, read_capture, read_image
+from aa4d.capture.reader import Capture, read_capture, read_image
+from aa4d.capture.truth import moving_mask
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError
 from aa4d.evaluation.activity import PooledError, activity_labels

@@ -1,4 +1,4 @@
-"""How far rigid groups ride from the instances that they stand for, at times that training never saw."""
+"""Distance of rigid groups from the instances that they stand for, at times that training never saw."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from aa4d.motion.groups import Groups
 
 MATCHED_ON = 16  # training frames at most, evenly over the clip
 AT_ONCE = 32  # groups drawn in one pass: what the rasteriser takes
-MOSTLY = 0.5  # of a pixel's colour: so much comes from a group, and the pixel is the group's
-FEWEST_PX = 20  # of an instance in a frame: with fewer it does not count there
+MOSTLY = 0.5  # fraction of a pixel's color: so much comes from a group, and the pixel is the group's
+FEWEST_PX = 20  # pixels of an instance in a frame: with fewer it does not count there
 
 Array = NDArray[np.float64]
 

@@ -61,7 +61,7 @@ class LearnedPerceptualSimilarity:
         return float(sum(distances))
 
     def _normalised_features(self, image: Tensor) -> list[Tensor]:
-        """What each tap sees, [1, C, h, w], of unit length at every pixel."""
+        """Output of each tap, [1, C, h, w], of unit length at every pixel."""
         x = image.permute(2, 0, 1)[None].float() * 2 - 1
         x = (x - x.new_tensor(SHIFT).view(1, 3, 1, 1)) / x.new_tensor(SCALE).view(1, 3, 1, 1)
         tapped = []

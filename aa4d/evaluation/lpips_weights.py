@@ -121,7 +121,7 @@ def load_lpips(network: Network, *, download: bool, progress: Progress) -> Learn
 
 
 def folders() -> list[Path]:
-    """Where weights are looked for: `AA4D_WEIGHTS` alone if set, else the cache of aa4d and that of torch.hub.
+    """Folders in which weights are looked for: `AA4D_WEIGHTS` alone if set, else the cache of aa4d and of torch.hub.
 
     Raises:
         InputError: `AA4D_WEIGHTS` is set and no folder.

@@ -1,4 +1,4 @@
-"""Whether what is drawn moves as the traffic does (docs/evaluation.md defines every score)."""
+"""Scores of how well drawn motion matches that of the traffic (docs/evaluation.md defines every score)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from aa4d.capture.reader import Capture, depth_of, instance_ids_of, moving_mask, read_image
+from aa4d.capture.reader import Capture, read_image
+from aa4d.capture.truth import depth_of, instance_ids_of, moving_mask
 from aa4d.evaluation.drawn_motion import drawn_motion
 from aa4d.evaluation.flow_agreement import optical_flow
 from aa4d.evaluation.group_error import FEWEST_PX, GroupError, group_error, group_pixels, match_frames
@@ -46,7 +47,7 @@ class Motion:
 
 
 def motion_steps(loaded: LoadedModel, capture: Capture) -> int:
-    """How often `measure_motion` calls its progress."""
+    """Number of times that `measure_motion` calls its progress."""
     matching = len(match_frames(capture)) if loaded.model.groups is not None else 0
     return len(capture.frames) - 1 + (matching if capture.tracks is not None else 0)
 
@@ -116,7 +117,7 @@ def measure_motion(
 
 
 class Travels:
-    """How far instances go, and how far what is drawn on them goes along their way, summed over pairs of frames."""
+    """Travel of instances, and of what is drawn on them along their way, summed over pairs of frames."""
 
     def __init__(self, instances: int) -> None:
         self._true_m = np.zeros(instances)
@@ -136,7 +137,7 @@ class Travels:
                     self._drawn_m[instance] += drawn_m[on].mean(axis=0) @ way / length
 
     def ratios(self) -> Array:
-        """Of the instances that travel far enough."""
+        """Score of the instances that travel far enough."""
         far = self._true_px >= SHORTEST_PATH_PX
         return self._drawn_m[far] / self._true_m[far]
 

@@ -1,4 +1,4 @@
-"""How fast a model renders, and how large it is."""
+"""Speed and size of a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far things really move from one frame to another: depth, instances and the instances' poses (docs/formats.md).
+"""True motion from one frame to another: depth, instances and the instances' poses (docs/formats.md).
 
 No flow pass is needed, and the frames need not be neighbours. Poses that were measured rather than known
 (`viewmat_true` in the capture's index) do not enter: the truth belongs to the true ones.
@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aa4d.capture.reader import Capture, object_tracks, pose_of
+from aa4d.capture.reader import Capture
+from aa4d.capture.schema import pose_of
+from aa4d.capture.truth import object_tracks
 from aa4d.files import read_json_object
 
 Array = NDArray[np.float64]
@@ -33,7 +35,7 @@ class TrueTracks:
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """Of the P pixels of a frame that show something that moves, to another frame."""
+    """Motion of the P pixels of a frame that show something that moves, to another frame."""
 
     rows: NDArray[np.int64]  # [P]
     columns: NDArray[np.int64]  # [P]
@@ -91,7 +93,7 @@ def true_motion(
     start: int,
     end: int,
 ) -> TrueMotion:
-    """Of the pixels of frame `start` whose instance moves at that instant, to frame `end`.
+    """Motion of the pixels of frame `start` whose instance moves at that instant, to frame `end`.
 
     What is not in the scene any more at `end`, or lies behind that camera, is left out; what leaves the picture or is
     hidden there is not.

@@ -17,11 +17,12 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from aa4d import __version__
-from aa4d.capture.make import Made, make_capture
+from aa4d.capture.make import make_capture
 from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import pose_error
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
+from aa4d.capture.summary import CaptureSummary
 from aa4d.errors import InputError
 from aa4d.experiments.program import run_as_program
 from aa4d.files import make_folder, read_json_object, write_json
@@ -95,7 +96,7 @@ def _identity(frames: Path, truth: Capture | None, settings: CaptureSettings) ->
     return Identity("evaluation", digest_of({"version": __version__, "settings": asdict(settings)}), made_from)
 
 
-def _error(made: Made, truth: Capture) -> dict[str, float]:
+def _error(made: CaptureSummary, truth: Capture) -> dict[str, float]:
     found = read_capture(made.folder)
     rank_of = {Path(frame.image).name: rank for rank, frame in enumerate(truth.frames)}
     labels = _labels(made.folder)

@@ -137,7 +137,7 @@ def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs:
         write_tables(experiment, in_order(rows, trials), out)
     if failures:
         raise InputError(
-            f"{len(failures)} of {len(trials)} runs failed, the first so: {failures[0]}; the same command tries again"
+            f"{len(failures)} of {len(trials)} runs failed; first error: {failures[0]}; the same command tries again"
         )
     return in_order(rows, trials)
 

@@ -15,10 +15,11 @@ import numpy as np
 import tyro
 from tyro.conf import Positional, arg
 
-from aa4d.capture.reader import Capture, instance_ids_of, read_array, read_capture
+from aa4d.capture.reader import Capture, read_capture
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import open_source
-from aa4d.capture.spacing import SLOWER, choose_spacing
+from aa4d.capture.spacing import PACE_PERCENTILE, choose_spacing
+from aa4d.capture.truth import instance_ids_of, read_array
 from aa4d.errors import InputError
 from aa4d.files import make_folder, read_json_object, write_json
 
@@ -30,13 +31,13 @@ def measure(capture: Capture) -> dict[str, Any]:
     selection = Selection(source_fps=capture.fps)
     source = open_source(capture.folder / "frames", selection, None)
     started = time.process_time()
-    pace = choose_spacing(source, selection, lambda *_: None)["pace"]
+    pace = choose_spacing(source, selection, capture.folder, lambda *_: None).pace
     return {
         "capture": capture.folder.name,
         "frames": len(capture.frames),
         "fps": capture.fps,
         "true": true_pace(capture),
-        "measured": None if pace is None else pace["lengths_per_s"],
+        "measured": None if pace is None else pace.lengths_per_s,
         "cpu_s": time.process_time() - started,
     }
 
@@ -64,7 +65,7 @@ def true_pace(capture: Capture) -> float:
         paces += [speed[index, row] / length_of[int(numbers[row])] for row in np.flatnonzero(seen)]
     if not paces:
         raise InputError(f"{capture.folder}: nothing moves in it; give a capture with traffic")
-    return float(np.percentile(paces, SLOWER))
+    return float(np.percentile(paces, PACE_PERCENTILE))
 
 
 def main(

@@ -27,7 +27,7 @@ class Exporter:
     It is imported on first use: what a format needs is asked of those who want it.
     """
 
-    says: str
+    description: str
     module: str
     states_axes: bool = False  # the file says which way is up, so there is no choice
     needs: tuple[str, str] | None = None  # a module that is no dependency of aa4d, and the package that has it

@@ -86,12 +86,12 @@ class Clip:
 
     def eye_at(self, index: int) -> Array:
         """[3] metres, where a view is seen from."""
-        return self.path.views[index].centre() if self.eye is None else self.eye
+        return self.path.views[index].center() if self.eye is None else self.eye
 
 
 def mean_eye(path: CameraPath) -> Array:
     """The mean of the places that the views are seen from, [3] metres."""
-    return np.mean([view.centre() for view in path.views], axis=0)
+    return np.mean([view.center() for view in path.views], axis=0)
 
 
 def turned(gaussians: WorldGaussians, rotation: Rotation) -> WorldGaussians:

@@ -51,15 +51,15 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
             del names
         for index in range(len(clip)):
             g = clip.gaussians(index)
-            centres = g.means.astype(np.float32)
+            centers = g.means.astype(np.float32)
             widths = (2 * g.scales.mean(axis=1)).astype(np.float32)
-            points.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(centres), index)
+            points.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(centers), index)
             points.CreateWidthsAttr().Set(Vt.FloatArray.FromNumpy(widths), index)
             velocities = clip.velocities(index, g.ids).astype(np.float32)
             points.CreateVelocitiesAttr().Set(Vt.Vec3fArray.FromNumpy(velocities), index)
             points.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(g.ids), index)
-            if len(centres):
-                box = Vt.Vec3fArray.FromNumpy(np.stack([centres.min(0), centres.max(0)]))
+            if len(centers):
+                box = Vt.Vec3fArray.FromNumpy(np.stack([centers.min(0), centers.max(0)]))
                 points.CreateExtentAttr().Set(box, index)
             color.Set(Vt.Vec3fArray.FromNumpy(linear(g.colors).astype(np.float32)), index)
             opacity.Set(Vt.FloatArray.FromNumpy(g.opacities.astype(np.float32)), index)

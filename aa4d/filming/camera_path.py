@@ -1,4 +1,4 @@
-"""Where the camera is and what time it is, view by view; the two are independent (docs/formats.md)."""
+"""Pose of the camera and time, view by view; the two are independent (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from aa4d.capture.reader import PinholeCamera, check_name, matrix_of, number_of, pinhole_camera, pose_of
+from aa4d.capture.schema import PinholeCamera, check_name, matrix_of, number_of, pinhole_camera, pose_of
 from aa4d.errors import InputError
 from aa4d.files import read_json_object
 from aa4d.filming.splits import SPLITS
@@ -27,8 +27,8 @@ class View:
     t: float  # in [0, 1]
     viewmat: NDArray[np.float64]  # [4, 4] world (metres) to camera
 
-    def centre(self) -> NDArray[np.float64]:
-        """Where the camera stands, [3] metres."""
+    def center(self) -> NDArray[np.float64]:
+        """Center of the camera, [3] metres."""
         return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
 
 
@@ -139,7 +139,7 @@ def resampled(path: CameraPath, count: int) -> CameraPath:
     if n == 1:
         same = tuple(replace(path.views[0], name=f"{i:06}") for i in range(count))
         return CameraPath(same, np.arange(count, dtype=np.float64), path.camera, path.fps)
-    centres = CubicSpline(path.at, np.stack([v.centre() for v in path.views]))(at)
+    centers = CubicSpline(path.at, np.stack([v.center() for v in path.views]))(at)
     # Of camera to world. A hovering camera turns about nothing, and the spline's divisions by its angle stay finite.
     rotations = RotationSpline(path.at, Rotation.from_matrix(np.stack([v.viewmat[:3, :3].T for v in path.views])))(at)
     times = np.interp(at, path.at, [v.t for v in path.views])
@@ -147,7 +147,7 @@ def resampled(path: CameraPath, count: int) -> CameraPath:
     for i in range(count):
         viewmat = np.eye(4)
         viewmat[:3, :3] = rotations[i].as_matrix().T
-        viewmat[:3, 3] = -viewmat[:3, :3] @ centres[i]
+        viewmat[:3, 3] = -viewmat[:3, :3] @ centers[i]
         views.append(View(f"{i:06}", float(times[i]), viewmat))
     return CameraPath(tuple(views), at, path.camera, path.fps * max(count - 1, 1) / (n - 1))
 
@@ -197,7 +197,7 @@ def named_path(
     time: float | None,
     camera: str | None,
 ) -> tuple[CameraPath, str]:
-    """What the options of `aa4d render` and `aa4d export` describe, and a name for it.
+    """The camera path that the options of `aa4d render` and `aa4d export` describe, and a name for it.
 
     Raises:
         InputError: an option is out of its range, or two exclude each other.

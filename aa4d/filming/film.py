@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from aa4d.capture.reader import number_of
+from aa4d.capture.schema import number_of
 from aa4d.errors import InputError
 from aa4d.files import whole_file, write_json
 from aa4d.filming.camera_path import CameraPath
@@ -68,12 +68,12 @@ def film(
 
 
 def _settings(loaded: LoadedModel, path: CameraPath) -> dict[str, Any]:
-    """What every picture depends on."""
+    """Everything that a picture depends on."""
     return index_of("render", loaded, {"format": "aa4d-render", "version": VERSION} | path.as_json())
 
 
 def _scales(loaded: LoadedModel, path: CameraPath, layers: list[str], index: dict[str, Any], out: Path) -> Scales:
-    """Those that the index has, so that a film keeps its scale when it continues, and new ones, which it then has."""
+    """Bounds that the index has, so that a film keeps its scale when it continues, and new ones, which it then has."""
     try:
         kept = dict(index.get("scales", {}))
         scales = {

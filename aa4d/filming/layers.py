@@ -1,4 +1,4 @@
-"""What a picture can show of a model: one entry a layer."""
+"""Layers that a picture can show of a model: one entry a layer."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 from torch import Tensor
 
-from aa4d.capture.reader import PinholeCamera
+from aa4d.capture.schema import PinholeCamera
 from aa4d.errors import InputError
 from aa4d.field.planes import PLANES
 from aa4d.filming.camera_path import View
@@ -27,7 +27,7 @@ SPATIOTEMPORAL = [p for p, plane in enumerate(PLANES) if plane[1] == "t"]
 NOTHING = 0.01  # alpha below which a pixel shows nothing to colour
 BLACK = (0, 0, 0)  # what such a pixel gets
 WORLD_GRAY = (0.35, 0.35, 0.35)
-GOLDEN = 0.618034  # of a turn from one group's hue to the next
+GOLDEN = 0.618034  # fraction of a turn from one group's hue to the next
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Which anchors stand for what moves, and which for what never does."""
+"""Anchors of what moves, and anchors of what never does."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from aa4d.capture.reader import Capture, depth_of, moving_mask
+from aa4d.capture.reader import Capture
+from aa4d.capture.truth import depth_of, moving_mask
 from aa4d.filming.layers import displacement_m
 from aa4d.methods.model_file import LoadedModel
 
-DYNAMIC_SHARE = 0.2  # of the frames that see an anchor: on a moving pixel in so many, it is dynamic
+DYNAMIC_SHARE = 0.2  # fraction of the frames that see an anchor: on a moving pixel in so many, it is dynamic
 BEHIND_M = 1.0  # farther behind the depth of its pixel, an anchor is hidden
 # Where there is no truth, by how far the model itself moves an anchor:
 MOST_MOVED, LEAST_MOVED = 0.05, 0.5

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from aa4d import __version__
-from aa4d.capture.reader import Capture, moving_mask, read_image
+from aa4d.capture.reader import Capture, read_image
+from aa4d.capture.truth import moving_mask
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import capture_of
 from aa4d.files import whole_file, write_text
@@ -127,7 +128,7 @@ def inspect(
 
 
 def _remove_pictures(out: Path, loaded: LoadedModel) -> None:
-    """Those of an earlier page, which may have shown other frames: beside the new one they would mislead."""
+    """Remove pictures of an earlier page, which may have shown other frames: beside the new one they would mislead."""
     for frame in loaded.frames:
         for kind in ("frame", "render", "trajectories", *LAYERS):
             (out / f"{frame.name}_{kind}.png").unlink(missing_ok=True)

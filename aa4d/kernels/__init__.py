@@ -11,10 +11,10 @@ from torch import Tensor
 
 
 def runs_native(*tensors: Tensor | None) -> bool:
-    """Whether the C++ kernels can take these tensors."""
+    """True where the C++ kernels can take these tensors."""
     return all(t is None or (t.dtype == torch.float32 and t.device.type == "cpu") for t in tensors)
 
 
 def plain(tensor: Tensor) -> Tensor:
-    """What the C++ kernels read: without history, row-major."""
+    """The tensor as the C++ kernels read it: without history, row-major."""
     return tensor.detach().contiguous()

@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from aa4d import _native
 from aa4d.evaluation.image_metrics import StructuralSimilarity
-from aa4d.kernels import _native, plain, runs_native
+from aa4d.kernels import plain, runs_native
 
 
 def image_loss(image: Tensor, target: Tensor, dssim: float) -> tuple[Tensor, Tensor]:
@@ -41,7 +42,7 @@ class _ImageLoss(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, image: Tensor, target: Tensor, dssim: float, wanted: bool) -> tuple[Tensor, Tensor]:
         gradient = torch.empty(image.shape) if wanted else None
-        similarity, absolute, squared = _native.compare_images(
+        similarity, absolute, squared = _native.field.compare_images(
             plain(image), plain(target), dssim, gradient, torch.get_num_threads()
         )
         if wanted:

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from aa4d.kernels import _native, plain, runs_native
+from aa4d import _native
+from aa4d.kernels import plain, runs_native
 from aa4d.raster.types import Gaussians
 
 
@@ -53,7 +54,7 @@ class _LocalGaussians(torch.autograd.Function):
         anchors = tuple(plain(tensor) for tensor in inputs)
         count = anchors[1].shape[0] * anchors[1].shape[1]
         outputs = (*(torch.empty(count, width) for width in (3, 4, 3)), torch.empty(count), torch.empty(count, 3))
-        _native.local_gaussians(anchors, torch.get_num_threads(), outputs)
+        _native.field.local_gaussians(anchors, torch.get_num_threads(), outputs)
         ctx.save_for_backward(*anchors, outputs[3], outputs[4])
         return outputs
 
@@ -62,7 +63,7 @@ class _LocalGaussians(torch.autograd.Function):
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor, ...]:
         *anchors, opacities, colors = ctx.saved_tensors
         d_anchors = tuple(torch.empty_like(tensor) for tensor in anchors)
-        _native.local_gaussians_backward(
+        _native.field.local_gaussians_backward(
             tuple(anchors),
             torch.get_num_threads(),
             opacities,

@@ -10,7 +10,8 @@ import torch.nn.functional as F
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from aa4d.kernels import _native, plain, runs_native
+from aa4d import _native
+from aa4d.kernels import plain, runs_native
 
 # Which coordinates (x, y, z, t) run along a plane's columns and its rows.
 PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
@@ -72,7 +73,7 @@ class _LookUp(torch.autograd.Function):
         scores = None if scores is None else plain(scores)
         features = torch.empty(len(query), len(planes) // len(PLANES) * planes[0].shape[2])
         weights = None if scores is None else torch.empty_like(scores)
-        _native.look_up(texels, query, t, scores, torch.get_num_threads(), features, weights)
+        _native.field.look_up(texels, query, t, scores, torch.get_num_threads(), features, weights)
         ctx.t = t
         ctx.save_for_backward(query, scores, weights, *texels)
         return features
@@ -84,7 +85,7 @@ class _LookUp(torch.autograd.Function):
         levels = len(texels) // len(PLANES) if weights is None else 1
         result = torch.empty(len(query) * levels * len(PLANES) * texels[0].shape[2])
         d_planes = [torch.empty_like(plane) for plane in texels]
-        _native.look_up_backward(
+        _native.field.look_up_backward(
             texels, query, ctx.t, scores, weights, plain(d_features), torch.get_num_threads(), result, d_planes
         )
         return None, None, None if weights is None else result.view_as(weights), *d_planes

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from aa4d.kernels import _native, plain, runs_native
+from aa4d import _native
+from aa4d.kernels import plain, runs_native
 
 
 def plane_penalty(planes: Sequence[Tensor], smoothness: Sequence[float], constancy: Sequence[float]) -> Tensor:
@@ -39,7 +40,7 @@ class _PlanePenalty(torch.autograd.Function):
         ctx: Any, smoothness: tuple[float, ...], constancy: tuple[float, ...], wanted: bool, *planes: Tensor
     ) -> Tensor:
         gradients = [torch.empty_like(plane) if wanted else None for plane in planes]
-        value = _native.penalise(
+        value = _native.field.penalise(
             [plain(plane) for plane in planes], smoothness, constancy, gradients, torch.get_num_threads()
         )
         if wanted:

@@ -10,7 +10,8 @@ import torch.nn.functional as F
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from aa4d.kernels import _native, plain, runs_native
+from aa4d import _native
+from aa4d.kernels import plain, runs_native
 
 Layers = tuple[Tensor, Tensor, Tensor, Tensor]  # weight [H, I], bias [H] of the hidden layer; [O, H], [O] of the output
 
@@ -49,7 +50,7 @@ class _TwoLayer(torch.autograd.Function):
         x, parameters = plain(x), tuple(plain(tensor) for tensor in parameters)
         networks = _grouped(parameters)
         outputs = tuple(torch.empty(len(x), len(layers[3])) for layers in networks)
-        _native.networks_forward(x, networks, t, torch.get_num_threads(), outputs)
+        _native.field.networks_forward(x, networks, t, torch.get_num_threads(), outputs)
         ctx.t = t
         ctx.save_for_backward(x, *parameters)
         return outputs
@@ -60,7 +61,7 @@ class _TwoLayer(torch.autograd.Function):
         x, *parameters = ctx.saved_tensors
         d_x = torch.empty_like(x) if ctx.needs_input_grad[0] else None
         gradients = [torch.empty_like(tensor) for tensor in parameters]
-        _native.networks_backward(
+        _native.field.networks_backward(
             x,
             _grouped(parameters),
             ctx.t,

@@ -18,9 +18,9 @@ from torch import Tensor
 
 from aa4d import __version__
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import (
+from aa4d.capture.reader import Capture
+from aa4d.capture.schema import (
     FARTHEST_M,
-    Capture,
     Frame,
     PinholeCamera,
     check_frames,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aa4d.capture.reader import Boxes
+from aa4d.capture.truth import Boxes
 from aa4d.motion.fit import Priors, Sightings, fit_track
 from aa4d.motion.ground import Ground, find_ground, project
 from aa4d.motion.observations import Observations

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aa4d.capture.reader import Capture, read_array
+from aa4d.capture.reader import Capture
+from aa4d.capture.truth import read_array
 from aa4d.errors import InputError
 from aa4d.motion.tracks import Tracks
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from aa4d.errors import InputError
 
 if TYPE_CHECKING:
-    from aa4d.capture.reader import Boxes, Capture
+    from aa4d.capture.reader import Capture
+    from aa4d.capture.truth import Boxes
     from aa4d.motion.observations import Observations
     from aa4d.motion.tracks import Tracks
 
@@ -17,7 +18,7 @@ def find_best(capture: Capture, observed: Observations) -> Tracks:
     """By annotated boxes where they follow several movers (a file with one target follows one of many)."""
     import numpy as np
 
-    from aa4d.capture.reader import boxes_of
+    from aa4d.capture.truth import boxes_of
 
     boxes = boxes_of(capture)
     follows_several = boxes is not None and len(np.unique(boxes.target[boxes.target >= 0])) > 1
@@ -52,7 +53,7 @@ SOURCES: dict[str, Callable[[Capture, Observations], Tracks]] = {
 
 def followed_boxes(capture: Capture) -> Boxes:
     """Raises InputError where annotators followed no mover."""
-    from aa4d.capture.reader import boxes_of
+    from aa4d.capture.truth import boxes_of
 
     boxes = boxes_of(capture)
     if boxes is None or not (boxes.target >= 0).any():

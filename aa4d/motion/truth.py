@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from aa4d.capture.reader import Capture, instance_ids_of, object_tracks
+from aa4d.capture.reader import Capture
+from aa4d.capture.truth import instance_ids_of, object_tracks
 from aa4d.errors import InputError
 from aa4d.motion.spline import controls_for, design
 from aa4d.motion.tracks import ALWAYS, Array, Tracks

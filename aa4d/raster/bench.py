@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
-from aa4d.raster import Camera, Gaussians, Options, _native, rasterize, reference
+from aa4d import _native
+from aa4d.raster import Camera, Gaussians, Options, rasterize, reference
 from aa4d.raster.cutoffs import CUTOFFS, Cutoffs
 from aa4d.raster.native import draw
 
@@ -26,7 +27,7 @@ Precision = Literal["fast", "exact"]
 
 @dataclass(frozen=True)
 class Scene:
-    """How many Gaussians, of which mean size on the screen, on how large an image."""
+    """Number of Gaussians, their mean size on the screen, and the size of the image."""
 
     gaussians: int
     width: int
@@ -41,14 +42,14 @@ SCENES = (
     Scene(100_000, 960, 540),
     Scene(400_000, 1280, 720),
 )
-# Of different sizes and numbers, to tell what a pair costs from what a Gaussian does.
+# Scenes of different sizes and numbers, to tell what a pair costs from what a Gaussian does.
 SCALING = tuple(Scene(count, 640, 360, radius) for count in (10_000, 30_000, 90_000) for radius in (3.0, 6.0, 12.0))
 ERRORS = Scene(2_000, 160, 90)
 
 
 @dataclass(frozen=True)
 class Row:
-    """What was measured of one scene. Times are the best of the repeats unless named otherwise."""
+    """Measurements of one scene. Times are the best of the repeats unless named otherwise."""
 
     gaussians: int
     width: int
@@ -62,9 +63,9 @@ class Row:
     pairs: int  # contributions of a Gaussian to a pixel
     pairs_per_second_forward: float
     pairs_per_second_backward: float
-    bound_fraction_forward: float  # of the speed of a loop that does a contribution's arithmetic and nothing else
+    bound_fraction_forward: float  # fraction of the speed of a loop that does a contribution's arithmetic only
     bound_fraction_backward: float
-    thread_speedup: float | None  # of forward and backward together, against one thread
+    thread_speedup: float | None  # forward and backward together, against one thread
     reference_ratio: float | None  # how many times longer the torch reference takes, forward and backward together
     peak_mib: float  # resident memory at its highest, above that of the process before the first scene
 
@@ -202,7 +203,7 @@ def measure(scene: Scene, repeats: int, before_mib: float, single_thread: bool =
         width=scene.width,
         height=scene.height,
         threads=threads,
-        instruction_set=_native.instruction_set(),
+        instruction_set=_native.raster.instruction_set(),
         forward_ms=1e3 * min(forward),
         forward_median_ms=1e3 * statistics.median(forward),
         backward_ms=1e3 * min(backward),
@@ -320,7 +321,7 @@ def _arithmetic_seconds(is_backward: bool, pairs: int) -> float:
     times = []
     for _ in range(50):
         start = time.perf_counter()
-        _native.arithmetic(is_backward, sample, torch.get_num_threads())
+        _native.raster.arithmetic(is_backward, sample, torch.get_num_threads())
         times.append(time.perf_counter() - start)
     return min(times) * pairs / sample
 

@@ -1,4 +1,4 @@
-"""Which contributions are too small to be added; the back ends are told, and have no such numbers of their own."""
+"""Limits below which contributions are not added; the back ends are told, and have no such numbers of their own."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from aa4d.raster import _native
+from aa4d import _native
 from aa4d.raster.checks import check_gaussians
 from aa4d.raster.cutoffs import CUTOFFS
 from aa4d.raster.types import Camera, Gaussians, Options, Rendering
@@ -36,8 +36,10 @@ def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options:
     return Rendering(color, alpha, depth, radii, screen, screen_absolute, features)
 
 
-def draw(gaussians: Gaussians, camera: Camera, background: Tensor, options: Options) -> tuple[_native.Frame, Rendering]:
-    """Render plain float32 tensors, without gradients, and keep the frame for `_native.backward`."""
+def draw(
+    gaussians: Gaussians, camera: Camera, background: Tensor, options: Options
+) -> tuple[_native.raster.Frame, Rendering]:
+    """Render plain float32 tensors, without gradients, and keep the frame for `_native.raster.backward`."""
     count, size = len(gaussians.means), (camera.height, camera.width)
     features = gaussians.features
     image = Rendering(
@@ -49,16 +51,16 @@ def draw(gaussians: Gaussians, camera: Camera, background: Tensor, options: Opti
         features=None if features is None else torch.empty(*size, features.shape[1]),
     )
     cutoffs = CUTOFFS[options.precision]
-    frame = _native.forward(
+    frame = _native.raster.forward(
         _scene(gaussians, background),
-        _native.PinholeCamera(
+        _native.raster.PinholeCamera(
             _plain(camera.viewmat, torch.float64),
             _plain(camera.K, torch.float64),
             camera.width,
             camera.height,
             camera.near,
         ),
-        _native.Settings(
+        _native.raster.Settings(
             cutoffs.alpha,
             cutoffs.transmittance,
             options.mode == "antialiased",
@@ -77,8 +79,8 @@ def draw(gaussians: Gaussians, camera: Camera, background: Tensor, options: Opti
     return frame, image
 
 
-def _scene(g: Gaussians, background: Tensor) -> _native.Scene:
-    return _native.Scene(g.means, g.quaternions, g.scales, g.opacities, g.colors, g.features, background)
+def _scene(g: Gaussians, background: Tensor) -> _native.raster.Scene:
+    return _native.raster.Scene(g.means, g.quaternions, g.scales, g.opacities, g.colors, g.features, background)
 
 
 def _plain(tensor: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -134,7 +136,7 @@ class _Rasterize(torch.autograd.Function):
         )
         background_gradient = torch.empty_like(background)
         viewmat_gradient = torch.empty(4, 4) if ctx.needs_input_grad[7] else None
-        _native.backward(
+        _native.raster.backward(
             ctx.frame,
             _scene(gaussians, background),
             torch.get_num_threads(),

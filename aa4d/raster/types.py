@@ -1,4 +1,4 @@
-"""What every rasteriser back end takes and gives. Conventions: docs/formats.md."""
+"""Inputs and outputs of every rasteriser back end. Conventions: docs/formats.md."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OUTPUTS: tuple[Output, ...] = get_args(Output)
 
 @dataclass(frozen=True)
 class Options:
-    """How to draw. What is not asked for costs nothing.
+    """Options of a rendering. What is not asked for costs nothing.
 
     `mode`: "antialiased" scales opacity so that the screen's low-pass filter adds none (Mip-Splatting, Yu et al. 2024).
     `precision`: "fast" has gsplat's cut-offs, "exact" far tighter ones: docs/rasteriser.md says what each leaves out.

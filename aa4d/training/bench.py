@@ -18,10 +18,11 @@ from rich.console import Console
 from rich.table import Table
 from torch.autograd.profiler import profile
 
-from aa4d.capture.reader import Capture, Frame, PinholeCamera
+from aa4d import _native
+from aa4d.capture.reader import Capture
+from aa4d.capture.schema import Frame, PinholeCamera
 from aa4d.files import write_json
 from aa4d.identity import Identity
-from aa4d.kernels import _native
 from aa4d.methods import method_of
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D
 from aa4d.methods.adaanchor4d.settings import PRESETS
@@ -110,7 +111,7 @@ def bench(
         **asdict(row),
         "iteration_ms": row.iteration_ms,
         "threads": torch.get_num_threads(),
-        "instruction_set": _native.instruction_set(),
+        "instruction_set": _native.field.instruction_set(),
         "growth": [asdict(rows[workload]) for workload in growth],
     }
     if json_path is not None:
@@ -227,7 +228,7 @@ def _peak_mib() -> float:
 def _summary(row: Row) -> str:
     return (
         f"{row.anchors} anchors of 10 Gaussians, {row.width}x{row.height}, {torch.get_num_threads()} threads, "
-        f"{_native.instruction_set()}:\n"
+        f"{_native.field.instruction_set()}:\n"
         f"{row.iterations_per_second:.1f} iterations/s ({row.iteration_ms:.1f} ms, "
         f"{row.iteration_ms / row.kernels_ms:.2f} x the sum of its kernels),\n"
         f"{row.render_fps:.0f} rendered frames/s, peak {row.peak_mib:.0f} MiB"

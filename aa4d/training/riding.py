@@ -9,7 +9,8 @@ from torch import Tensor, nn
 
 from aa4d.anchors.canonical import spacing
 from aa4d.capture.frame import ModelFrame
-from aa4d.capture.reader import Capture, boxes_of, read_images
+from aa4d.capture.reader import Capture, read_images
+from aa4d.capture.truth import boxes_of
 from aa4d.methods.anchor_model import AnchorModel
 from aa4d.motion.groups import Groups
 from aa4d.motion.observations import Observations

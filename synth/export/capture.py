@@ -40,12 +40,12 @@ def export(plan: Plan, folder: Folder, plan_document: dict[str, Any], scene_file
             load_views(plan, lambda frame: read_rgb(folder.image(frame)), folder.read_truth), plan.lens
         )
         write_bytes(root / "points.ply", ply(cloud))
-        told = told_plan(plan)
-        write_json(root / "transforms.json", transforms(told))
-        for name, text in colmap_model(told, cloud).items():
+        reported = plan_with_reported_poses(plan)
+        write_json(root / "transforms.json", transforms(reported))
+        for name, text in colmap_model(reported, cloud).items():
             write_text(root / "sparse" / "0" / name, text)
         for name in plan.scene.exports:
-            _annotations(name, told, folder)
+            _annotations(name, reported, folder)
     costs.save()
     files = checksums(folder)
     write_json(root / CHECKSUMS, files)
@@ -56,7 +56,7 @@ def export(plan: Plan, folder: Folder, plan_document: dict[str, Any], scene_file
     (root / LEDGER).unlink(missing_ok=True)
 
 
-def told_plan(plan: Plan) -> Plan:
+def plan_with_reported_poses(plan: Plan) -> Plan:
     """The plan with the poses that the capture gives for the true ones."""
     measured = measured_viewmats(plan)
     if measured is None:

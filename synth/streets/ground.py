@@ -4,7 +4,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from synth.streets.arms import CROSSING_SETBACK_M, CROSSING_WIDTH_M, Arm, Juncti
 from synth.traffic.network import KERB_HEIGHT_M
 from synth.traffic.paths import Path, Point, rounded
 
-Corner = Literal["north-east", "north-west", "south-west", "south-east"]
 CORNERS: dict[str, tuple[int, int]] = {
     "north-east": (1, 1),
     "north-west": (-1, 1),

@@ -25,7 +25,7 @@ def grow_from(position: torch.Tensor, centres: torch.Tensor, gradient: torch.Ten
     statistics.drawn += 100
     settings = {"voxel": 0.1, "voxel_factor": 1, "levels": 1, "gradient_threshold": 1.0, "min_drawn": 40.0, "limit": 99}
     settings |= options
-    return grow(position, centres, statistics, generator=torch.Generator().manual_seed(0), **settings)  # type: ignore[arg-type]
+    return grow(position, centres, statistics, generator=torch.Generator().manual_seed(0), **settings)
 
 
 def test_grows_one_anchor_in_each_empty_voxel_from_its_strongest_candidate() -> None:
@@ -75,7 +75,7 @@ def state_with_moments(n: int) -> TrainingState:
     torch.nn.init.normal_(anchors.feature)
     model = AdaAnchor4D(CONFIG, anchors)
     optimiser = make_optimiser(model, LearningRates(), canonical=False)
-    sum(p.square().sum() for p in model.parameters()).backward()  # type: ignore[union-attr]
+    sum(p.square().sum() for p in model.parameters()).backward()
     optimiser.step()
     return TrainingState("fine", 1, 0.0, model, optimiser, Statistics.zeros(n, 4))
 

@@ -187,7 +187,7 @@ def test_an_empty_folder_and_nothing_at_all(tmp_path: Path) -> None:
 
 def test_frames_of_two_sizes(tmp_path: Path) -> None:
     source = aerial.write(tmp_path / "frames", IMAGES)
-    aerial.write_one(source / "frame_0003.png", cv2.resize(IMAGES[3], (160, 120)))
+    aerial.write_one(source / "frame_0003.png", np.asarray(cv2.resize(IMAGES[3], (160, 120)), np.uint8))
     clip = clip_of(source, tmp_path / "clip")
     assert len(clip.frames) == 8
     assert any("frame_0003.png left out: of another size" in note for note in clip.notes)
@@ -271,18 +271,20 @@ def test_identical_frames(tmp_path: Path) -> None:
         clip_of(aerial.write(tmp_path / "still", [IMAGES[0]] * 6), tmp_path / "clip")
 
 
+def blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
+
+
 def test_a_blurred_frame_is_left_out(tmp_path: Path) -> None:
     images = [*IMAGES]
-    images[4] = cv2.GaussianBlur(images[4], (0, 0), 4)
+    images[4] = blurred(images[4], 4)
     clip = clip_of(aerial.write(tmp_path / "frames", images), tmp_path / "clip")
     assert [f.label for f in clip.frames if f.label == "frame_0004.png"] == []
     assert any("frame_0004.png left out: blurred" in note for note in clip.notes)
 
 
 def test_of_a_video_the_sharpest_frame_of_each_tick_is_taken(tmp_path: Path) -> None:
-    source = aerial.write(
-        tmp_path / "frames", [i for image in IMAGES for i in (cv2.GaussianBlur(image, (0, 0), 3), image)]
-    )
+    source = aerial.write(tmp_path / "frames", [i for image in IMAGES for i in (blurred(image, 3), image)])
     clip = clip_of(source, tmp_path / "clip", Selection(source_fps=20, rate=10.001))
     numbers = [f.number for f in clip.frames]
     assert len(numbers) >= 8
@@ -307,7 +309,7 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
     assert "notes\\xff.txt left out: no picture" in made.notes
     assert "fr\\xe9me_0000.png" in made.report.read_text()
     assert made.frames == 9
-    with pytest.raises(InputError, match="has a name that is no text"):
+    with pytest.raises(InputError, match="file name is not valid UTF-8"):
         make_capture(source, tmp_path / os.fsdecode(b"\xe9"), SETTINGS, None, silent)
 
 

@@ -21,11 +21,14 @@ from PIL import Image
 
 from aa4d.capture import colmap
 from aa4d.capture.advice import field_of_view_advice, no_model_advice
-from aa4d.capture.make import Made, make_capture
+from aa4d.capture.make import make_capture
 from aa4d.capture.orientation import umeyama
-from aa4d.capture.reader import moving_mask, read_capture, read_images
+from aa4d.capture.reader import read_capture, read_images
 from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
+from aa4d.capture.summary import CaptureSummary
+from aa4d.capture.truth import moving_mask
+from aa4d.capture.workspace import Progress
 from aa4d.errors import InputError
 from tests.capture import aerial
 
@@ -40,12 +43,12 @@ class Watch:
         self.ran: list[str] = []
         self.skipped: list[str] = []
 
-    def __call__(self, name: str, was_done: bool):
+    def __call__(self, name: str, was_done: bool) -> Progress:
         (self.skipped if was_done else self.ran).append(name)
         return lambda *_: None
 
 
-def make(source: Path, out: Path, settings: CaptureSettings = SETTINGS, watch: Watch | None = None) -> Made:
+def make(source: Path, out: Path, settings: CaptureSettings = SETTINGS, watch: Watch | None = None) -> CaptureSummary:
     return make_capture(source, out, settings, None, watch or Watch())
 
 
@@ -55,7 +58,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def made(flight: Path) -> Made:
+def made(flight: Path) -> CaptureSummary:
     return make(flight, flight.parent / "capture")
 
 
@@ -73,7 +76,7 @@ def pose_errors(folder: Path, truth: list[np.ndarray]) -> tuple[float, float]:
     return float(distance), float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).mean())
 
 
-def test_cameras_are_those_of_the_flight(made: Made) -> None:
+def test_cameras_are_those_of_the_flight(made: CaptureSummary) -> None:
     assert made.frames == made.used == 9
     distance_m, angle_deg = pose_errors(made.folder, aerial.arc())
     # 40 m up, a pixel is 13 cm wide; what a wrong principal point or focal length costs is far more.
@@ -82,7 +85,7 @@ def test_cameras_are_those_of_the_flight(made: Made) -> None:
     assert made.reprojection_px < 0.5
 
 
-def test_the_capture_is_what_training_reads(made: Made) -> None:
+def test_the_capture_is_what_training_reads(made: CaptureSummary) -> None:
     capture = read_capture(made.folder)
     assert capture.of_split("test") == [0, 8]
     assert [f.t for f in capture.frames] == pytest.approx(np.linspace(0, 1, 9))
@@ -95,7 +98,7 @@ def test_the_capture_is_what_training_reads(made: Made) -> None:
     assert document["frames"][3]["source"] == "frame_0003.png"
 
 
-def test_the_world_is_level_and_its_unit_is_the_viewing_distance(made: Made) -> None:
+def test_the_world_is_level_and_its_unit_is_the_viewing_distance(made: CaptureSummary) -> None:
     capture = read_capture(made.folder)
     centres = np.array([-f.viewmat[:3, :3].T @ f.viewmat[:3, 3] for f in capture.frames])
     assert (centres[:, 2] > 0.7).all()
@@ -107,7 +110,7 @@ def test_the_world_is_level_and_its_unit_is_the_viewing_distance(made: Made) -> 
     assert np.median(depths) == pytest.approx(1, abs=0.02)
 
 
-def test_other_programs_cameras_are_the_same(made: Made) -> None:
+def test_other_programs_cameras_are_the_same(made: CaptureSummary) -> None:
     import pycolmap
 
     capture = read_capture(made.folder)
@@ -129,7 +132,7 @@ def test_other_programs_cameras_are_the_same(made: Made) -> None:
     assert all(point.track.length() >= 3 for point in model.points3D.values())
 
 
-def test_nothing_is_done_twice(made: Made, flight: Path) -> None:
+def test_nothing_is_done_twice(made: CaptureSummary, flight: Path) -> None:
     watch = Watch()
     before = (made.folder / "capture.json").read_bytes()
     again = make(flight, made.folder, watch=watch)
@@ -138,7 +141,7 @@ def test_nothing_is_done_twice(made: Made, flight: Path) -> None:
     assert again.seconds == made.seconds
 
 
-def test_a_changed_setting_repeats_what_depends_on_it(flight: Path, made: Made, tmp_path: Path) -> None:
+def test_a_changed_setting_repeats_what_depends_on_it(flight: Path, made: CaptureSummary, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(made.folder, folder)
     watch = Watch()
@@ -148,23 +151,23 @@ def test_a_changed_setting_repeats_what_depends_on_it(flight: Path, made: Made, 
     assert pose_errors(folder, aerial.arc())[0] == pytest.approx(pose_errors(made.folder, aerial.arc())[0])
 
 
-def test_repeated_from_scratch_the_cameras_are_the_same(flight: Path, made: Made, tmp_path: Path) -> None:
+def test_repeated_from_scratch_the_cameras_are_the_same(flight: Path, made: CaptureSummary, tmp_path: Path) -> None:
     again = make(flight, tmp_path / "again")
     first, second = read_capture(made.folder), read_capture(again.folder)
     for a, b in zip(first.frames, second.frames, strict=True):
         assert np.allclose(a.viewmat, b.viewmat, atol=1e-6)
 
 
-def test_an_altitude_gives_the_scale(flight: Path, made: Made, tmp_path: Path) -> None:
+def test_an_altitude_gives_the_scale(flight: Path, made: CaptureSummary, tmp_path: Path) -> None:
     shutil.copytree(made.folder, tmp_path / "copy")
     scaled = make(flight, tmp_path / "copy", replace(SETTINGS, altitude_m=42.0))
-    assert scaled.world["unit"] == "metres"
+    assert scaled.world.unit == "metres"
     capture = read_capture(scaled.folder)
     depths = np.concatenate([capture.points @ f.viewmat[2, :3] + f.viewmat[2, 3] for f in capture.frames])
     assert np.median(depths) == pytest.approx(42, rel=0.02)
 
 
-def test_the_accurate_preset_sees_more(flight: Path, made: Made, tmp_path: Path) -> None:
+def test_the_accurate_preset_sees_more(flight: Path, made: CaptureSummary, tmp_path: Path) -> None:
     settings = replace(SETTINGS, preset="accurate", reconstruction=PRESETS["accurate"])
     accurate = make(flight, tmp_path / "capture", settings)
     assert accurate.frames == 9
@@ -182,7 +185,7 @@ def test_a_known_field_of_view_is_kept(flight: Path, tmp_path: Path) -> None:
     assert "Nothing looks wrong" in made.report.read_text()
 
 
-def test_over_flat_ground_a_found_field_of_view_is_doubted(made: Made) -> None:
+def test_over_flat_ground_a_found_field_of_view_is_doubted(made: CaptureSummary) -> None:
     """Its roofs are too small and too low to count: every pair of frames passes for pictures of a plane."""
     (line,) = made.advice
     pairs = json.loads((made.folder / "work/matches/done.json").read_text())["result"]["verified"]
@@ -209,11 +212,11 @@ def test_a_wrong_field_of_view_is_suspected_where_nothing_comes_out() -> None:
     assert no_model_advice({"CALIBRATED": 9}, True).endswith("or --fov is not the camera's: leave it out")
 
 
-def test_the_field_of_view_is_found(made: Made) -> None:
+def test_the_field_of_view_is_found(made: CaptureSummary) -> None:
     assert made.fov_deg == pytest.approx(2 * np.degrees(np.arctan(160 / aerial.FOCAL)), abs=1.5)
 
 
-def test_the_report_needs_nothing_else(made: Made) -> None:
+def test_the_report_needs_nothing_else(made: CaptureSummary) -> None:
     html = made.report.read_text()
     assert "<canvas" in html
     assert "9 of 9 frames have a pose" in html
@@ -222,10 +225,10 @@ def test_the_report_needs_nothing_else(made: Made) -> None:
     assert not re.search(r'(src|href)="(?!data:)', html)
 
 
-def test_what_the_command_tells(made: Made, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_command_tells(made: CaptureSummary, capsys: pytest.CaptureFixture[str]) -> None:
     from aa4d.commands.capture import tell
 
-    world = made.world | {"unit": "metres", "scale_from": "satellite positions", "gnss_error_m": 0.344}
+    world = replace(made.world, unit="metres", scale_from="satellite positions", gnss_error_m=0.344)
     tell(replace(made, folder=Path("my flight"), world=world, movers="boxes (UAVDT), 2 % of the pixels masked"))
     said = capsys.readouterr().out
     assert "scale: metres (satellite positions, the cameras 0.34 m from theirs (median))\n" in said
@@ -235,7 +238,9 @@ def test_what_the_command_tells(made: Made, capsys: pytest.CaptureFixture[str]) 
     assert "pictures of one plane" not in said
 
 
-def test_another_input_or_other_things_in_the_folder_are_refused(made: Made, flight: Path, tmp_path: Path) -> None:
+def test_another_input_or_other_things_in_the_folder_are_refused(
+    made: CaptureSummary, flight: Path, tmp_path: Path
+) -> None:
     other = aerial.write(tmp_path / "other", aerial.pictures(aerial.arc(4)))
     with pytest.raises(InputError, match=r"holds a capture of .*frames; choose a new folder"):
         make(other, made.folder)
@@ -253,7 +258,7 @@ def test_two_processes_do_not_make_one_capture(flight: Path, tmp_path: Path) -> 
     refusals = []
 
     class Second(Watch):
-        def __call__(self, name: str, was_done: bool):
+        def __call__(self, name: str, was_done: bool) -> Progress:
             with pytest.raises(InputError, match="another process is making a capture there; wait for it"):
                 make(flight, tmp_path / "capture")
             refusals.append(name)
@@ -270,7 +275,7 @@ def test_two_processes_do_not_make_one_capture(flight: Path, tmp_path: Path) -> 
     assert list((tmp_path / "killed").iterdir()) == []
 
 
-def test_a_refusal_leaves_an_earlier_capture_as_it_was(flight: Path, made: Made, tmp_path: Path) -> None:
+def test_a_refusal_leaves_an_earlier_capture_as_it_was(flight: Path, made: CaptureSummary, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(made.folder, folder)
     outside = replace(SETTINGS, selection=Selection(source_fps=10.0, start_s=60))
@@ -305,7 +310,9 @@ def contents(folder: Path) -> dict[str, bytes]:
         (lambda c: shutil.rmtree(c / "work/cameras/model"), ["cameras", "pictures", "capture"]),
     ],
 )
-def test_a_damaged_capture_is_mended(flight: Path, made: Made, tmp_path: Path, damage: Any, ran: list[str]) -> None:
+def test_a_damaged_capture_is_mended(
+    flight: Path, made: CaptureSummary, tmp_path: Path, damage: Any, ran: list[str]
+) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(made.folder, folder)
     for link in (folder / "work/pictures").glob("*.png"):  # which copying has taken apart
@@ -318,14 +325,14 @@ def test_a_damaged_capture_is_mended(flight: Path, made: Made, tmp_path: Path, d
     assert contents(folder) == contents(made.folder)
 
 
-def test_the_self_check_counts_in_pixels_of_what_was_reconstructed_from(made: Made) -> None:
+def test_the_self_check_counts_in_pixels_of_what_was_reconstructed_from(made: CaptureSummary) -> None:
     """Two pixels of the capture are little in frames that it has at their full size, and much at half of it."""
     capture = read_capture(made.folder)
     frame = capture.frames[4]
     in_camera = capture.points @ frame.viewmat[:3, :3].T + frame.viewmat[:3, 3]
     pixels = (in_camera / in_camera[:, 2:]) @ capture.camera.K.T
     seen = {frame.name: (capture.points, pixels[:, :2] + [2.0, 0.0])}
-    assert check_capture(made.folder, seen, 1.0)["reprojection_px"]["median"] == pytest.approx(2, abs=1e-3)
+    assert check_capture(made.folder, seen, 1.0).reprojection_px.median == pytest.approx(2, abs=1e-3)
     size = f"{capture.camera.width}x{capture.camera.height}"
     with pytest.raises(InputError, match=rf"self-check failed \(reprojection error 2\.0 px in frames of {size}"):
         check_capture(made.folder, seen, 0.5)
@@ -376,7 +383,7 @@ def test_ctrl_c_while_a_stage_starts_stops_it(monkeypatch: pytest.MonkeyPatch) -
     assert ended.is_set()
 
 
-def test_features_go_on_in_the_middle(made: Made, tmp_path: Path) -> None:
+def test_features_go_on_in_the_middle(made: CaptureSummary, tmp_path: Path) -> None:
     """What a killed run has stored is kept, and all frames stay those of one camera."""
     import pycolmap
 
@@ -391,8 +398,8 @@ def test_features_go_on_in_the_middle(made: Made, tmp_path: Path) -> None:
     with pycolmap.Database.open(tmp_path / "database.db") as database:
         before = {i.name: database.read_keypoints(i.image_id) for i in database.read_all_images()}
     found = features.extract(whole, None, QUICK, None, 1, tmp_path, lambda *_: None)
-    assert len(found["features"]) == 9
-    assert min(found["features"]) > 100
+    assert len(found.features) == 9
+    assert min(found.features) > 100
     with pycolmap.Database.open(tmp_path / "database.db") as database:
         assert database.num_cameras() == 1
         for image in database.read_all_images():

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aa4d.capture.reader import boxes_of, moving_mask, read_capture, read_image, read_images
+from aa4d.capture.reader import read_capture, read_image, read_images
+from aa4d.capture.truth import boxes_of, moving_mask
 from aa4d.errors import InputError
 
 
@@ -57,7 +58,7 @@ def test_moving_pixels_are_those_of_instances_that_move_at_that_frame(toy_captur
         (lambda d: d["frames"][3].update(split="validation"), 'expected "train" or "test"'),
         (lambda d: d["frames"][3].update(t=0.0), "does not follow"),
         (lambda d: d["frames"][3].update(t=math.inf), "finite number"),
-        (lambda d: d["frames"][3].update(name="000002"), "stands twice"),
+        (lambda d: d["frames"][3].update(name="000002"), "duplicate frame name"),
         (lambda d: d["frames"].clear(), '"frames" is missing or empty'),
         (lambda d: [f.update(split="test") for f in d["frames"]], "no training frame"),
         (lambda d: d.update(version=2), "update aa4d"),
@@ -145,8 +146,8 @@ def test_a_folder_that_is_no_capture_is_refused(tmp_path: Path) -> None:
         read_capture(tmp_path)
 
 
-def store_boxes(folder: Path, **changed: object) -> None:
-    arrays = {
+def store_boxes(folder: Path, **changed: np.ndarray) -> None:
+    arrays: dict[str, np.ndarray] = {
         "frame": np.array([1, 1]),
         "target": np.array([4, -1]),
         "box_px": np.array([[1.0, 2, 10, 12], [0, 0, 5.5, 4]]),
@@ -163,7 +164,7 @@ def test_boxes_are_read_and_a_capture_without_them_has_none(toy_capture: Path) -
     boxes = boxes_of(capture)
     assert boxes is not None
     assert (boxes.target.tolist(), boxes.category.tolist()) == ([4, -1], ["car", ""])
-    assert np.array_equal(boxes.box_px, [[1, 2, 10, 12], [0, 0, 5.5, 4]])
+    assert np.array_equal(boxes.box_px, np.array([[1, 2, 10, 12], [0, 0, 5.5, 4]]))
 
 
 @pytest.mark.parametrize(
@@ -177,7 +178,7 @@ def test_boxes_are_read_and_a_capture_without_them_has_none(toy_capture: Path) -
         ({"category": np.array([{}, {}], object)}, "array 'category' cannot be read"),
     ],
 )
-def test_boxes_of_another_kind_are_refused(toy_capture: Path, changed: dict[str, object], says: str) -> None:
+def test_boxes_of_another_kind_are_refused(toy_capture: Path, changed: dict[str, np.ndarray], says: str) -> None:
     store_boxes(toy_capture, **changed)
     with pytest.raises(InputError, match=says):
         boxes_of(read_capture(toy_capture))

@@ -12,13 +12,14 @@ import pytest
 from aa4d.capture.make import make_capture
 from aa4d.capture.reader import read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings
+from aa4d.capture.workspace import Progress
 
 DATA = Path(__file__).parents[3] / "shared/data"
 S1001, BEACH = DATA / "uavdt_S1001", DATA / "brighton_beach/images"
 SETTINGS = CaptureSettings("fast", PRESETS["fast"], size_px=512, threads=2)
 
 
-def silent(*_: object):
+def silent(*_: object) -> Progress:
     return lambda *_: None
 
 
@@ -45,8 +46,9 @@ def test_fifteen_frames_of_a_uav_over_a_campus(tmp_path: Path) -> None:
 def test_photographs_with_satellite_positions_give_metres(tmp_path: Path) -> None:
     made = make_capture(BEACH, tmp_path / "capture", replace(SETTINGS, movers="off"), None, silent)
     assert made.frames == 18
-    assert made.world["unit"] == "metres"
-    assert made.world["gnss_error_m"] < 5
+    assert made.world.unit == "metres"
+    assert made.world.gnss_error_m is not None
+    assert made.world.gnss_error_m < 5
     capture = read_capture(made.folder)
     heights = np.array([(-f.viewmat[:3, :3].T @ f.viewmat[:3, 3])[2] for f in capture.frames])
     # One level survey flight, looking down: the ground lies level below it.

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +17,13 @@ from aa4d.capture.clip import Clip, ClipFrame
 from aa4d.capture.intrinsics import check_intrinsics
 from aa4d.capture.make import make_capture
 from aa4d.capture.movers import box_mask, write_masks
-from aa4d.capture.reader import PinholeCamera, boxes_of, moving_mask, read_capture
+from aa4d.capture.reader import read_capture
+from aa4d.capture.schema import PinholeCamera
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.sources import open_source
 from aa4d.capture.sources.posed import same_shape
+from aa4d.capture.truth import boxes_of, moving_mask
+from aa4d.capture.workspace import Progress
 from aa4d.capture.writing import Cloud, Shot, write_capture
 from aa4d.errors import InputError
 from tests.capture import aerial
@@ -28,7 +33,7 @@ QUICK = replace(PRESETS["fast"], features=800, longest_px=320, window=3, keyfram
 SETTINGS = CaptureSettings("test", QUICK, Selection(source_fps=10.0), threads=1)
 
 
-def silent(*_: object):
+def silent(*_: object) -> Progress:
     return lambda *_: None
 
 
@@ -157,7 +162,7 @@ def test_a_range_without_any_box_is_told(tmp_path: Path) -> None:
     ):
         boxes = Annotations(tmp_path / "gt.txt", "UAVDT", {number: np.array([[100.0, 100, 40, 20]])}, {}, {})
         (tmp_path / str(number)).mkdir()
-        assert write_masks(clip, boxes, tmp_path / str(number), lambda *_: None).notes == notes
+        assert write_masks(clip, boxes, tmp_path / str(number), lambda *_: None).notes == tuple(notes)
 
 
 def test_a_byte_order_mark_is_no_part_of_a_number(tmp_path: Path) -> None:
@@ -251,8 +256,8 @@ def test_a_capture_keeps_its_world_its_metres_and_its_times(tmp_path: Path) -> N
     made = make_capture(source, tmp_path / "capture", settings, None, silent)
     capture = read_capture(made.folder)
     assert made.frames == 9
-    assert made.world["unit"] == "metres"
-    assert "transforms.json, whose world is kept; capture.json says that it is in metres" in made.world["scale_from"]
+    assert made.world.unit == "metres"
+    assert "transforms.json, whose world is kept; capture.json says that it is in metres" in made.world.scale_from
     assert "cameras are those of transforms.json; sparse/0 is not read" in made.notes
     assert "--fps 77 is ignored: capture.json says its own times" in made.notes
     assert capture.fps == pytest.approx(10)
@@ -355,7 +360,7 @@ SHEARED = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # its dete
         (lambda d: [f.update(file_path="x/" + f["file_path"]) for f in d["frames"]], "holds none of the 9 pictures"),
     ],
 )
-def test_damaged_transforms_are_refused(tmp_path: Path, change, says: str) -> None:
+def test_damaged_transforms_are_refused(tmp_path: Path, change: Callable[[Any], object], says: str) -> None:
     source = given(tmp_path / "given", with_points=False)
     document = json.loads((source / "transforms.json").read_text())
     change(document)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from aa4d.capture.clip import Picture
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source, open_source
-from aa4d.capture.spacing import SPILL, Pace, choose_spacing, followable_until, lengths_of, spacing_advice
+from aa4d.capture.spacing import SPILL, Pace, Spacing, choose_spacing, followable_until, lengths_of, spacing_advice
 from tests.capture.aerial import texture
 from tests.capture.videos import write_video
 
@@ -70,18 +70,21 @@ def test_a_movers_way_is_counted_in_its_own_lengths() -> None:
 
 def test_a_long_film_is_cut_where_its_movers_can_be_followed() -> None:
     """Two lengths a second want frames a quarter of a second apart: of every second one, 150 last 30 s of the 100."""
-    chosen = choose_spacing(film(1000, 10, 2.0), Selection(), lambda *_: None)
-    assert chosen["pace"]["lengths_per_s"] == pytest.approx(2.0, rel=0.5)
-    assert 20 < chosen["end_s"] < 50
-    assert "movers travel about" in chosen["notes"][0]
+    chosen = choose_spacing(film(1000, 10, 2.0), Selection(), NOWHERE, lambda *_: None)
+    assert chosen.pace is not None
+    assert chosen.pace.lengths_per_s == pytest.approx(2.0, rel=0.5)
+    assert chosen.end_s is not None
+    assert 20 < chosen.end_s < 50
+    assert "movers travel about" in chosen.notes[0]
 
 
 def test_where_nothing_moves_nothing_changes() -> None:
     still = film(4, 10, 0.0)
-    assert choose_spacing(still, Selection(), lambda *_: None) == {"pace": None, "end_s": None, "notes": []}
-    assert choose_spacing(film(1, 10, 1.0), Selection(), lambda *_: None)["pace"] is None
+    assert choose_spacing(still, Selection(), NOWHERE, lambda *_: None) == Spacing(NOWHERE, None, None, ())
+    assert choose_spacing(film(1, 10, 1.0), Selection(), NOWHERE, lambda *_: None).pace is None
 
 
+NOWHERE = Path("nowhere")  # nothing is written there
 TIMES = [i / 30 for i in range(1800)]  # a minute
 
 
@@ -113,8 +116,9 @@ def test_a_video_is_looked_at_and_then_read_from_its_beginning(tmp_path: Path) -
     times = [i / 10 for i in range(24)]
     video = write_video(tmp_path / "film.mp4", [street(t, 2.0) for t in times], times)
     source = open_source(video, Selection(), None)
-    chosen = choose_spacing(source, Selection(), lambda *_: None)
-    assert chosen["pace"]["lengths_per_s"] == pytest.approx(2.0, rel=0.5)
-    assert chosen["pace"]["step_s"] == pytest.approx(0.1)
-    assert chosen["notes"] == []  # short enough
+    chosen = choose_spacing(source, Selection(), NOWHERE, lambda *_: None)
+    assert chosen.pace is not None
+    assert chosen.pace.lengths_per_s == pytest.approx(2.0, rel=0.5)
+    assert chosen.pace.step_s == pytest.approx(0.1)
+    assert chosen.notes == ()  # short enough
     assert [p.time_s for p in source.pictures] == pytest.approx(times)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -22,7 +24,7 @@ from aa4d.capture.orientation import (
     viewing_distance,
 )
 from aa4d.capture.undistortion import Undistortion, pinhole_boxes, pinhole_of, pinhole_pixels
-from aa4d.capture.workspace import Workspace
+from aa4d.capture.workspace import Progress, Step, StepResult, Workspace
 from tests.capture import aerial
 
 NEW = "[iso: 110] [latitude: 52.5{0}] [longitude: 13.4] [rel_alt: 30.{0} abs_alt: 91.2]"
@@ -87,7 +89,7 @@ def test_umeyama_finds_the_similarity() -> None:
     assert np.allclose(found.rotation, true.rotation)
     assert np.allclose(found.translation, true.translation)
     # A mirror image is no similarity: the rotation stays a rotation.
-    mirrored = umeyama(points, points * [1, 1, -1])
+    mirrored = umeyama(points, points * np.array([1.0, 1, -1]))
     assert np.linalg.det(mirrored.rotation) == pytest.approx(1)
 
 
@@ -260,26 +262,52 @@ def test_a_pinhole_camera_is_left_as_it_is() -> None:
     assert np.array_equal(Undistortion(camera, pinhole).sampled(image), image)
 
 
+@dataclass(frozen=True)
+class Count(StepResult):
+    found: int
+    at: tuple[int, ...] = ()
+
+
+def count(name: str, settings: int, run: Callable[[Path, Progress], Count]) -> Step[Count]:
+    return Step(name, settings, run, Count)
+
+
 def test_steps_go_on_where_they_were_stopped(tmp_path: Path) -> None:
     def workspace() -> Workspace:
         return Workspace(tmp_path / "work", lambda *_: lambda *_: None)
 
-    def stopped(folder: Path, _: object) -> dict[str, int]:
+    def stopped(folder: Path, _: object) -> Count:
         (folder / "half.txt").write_text("half")
         raise KeyboardInterrupt
 
     first = workspace()
     with pytest.raises(KeyboardInterrupt):
-        first.step("a", 1, stopped)
+        first.run(count("a", 1, stopped))
 
-    def goes_on(folder: Path, _: object) -> dict[str, int]:
-        return {"found": len(list(folder.glob("half.txt")))}
+    def goes_on(folder: Path, _: object) -> Count:
+        return Count(folder, len(list(folder.glob("half.txt"))), (1, 2))
 
-    assert workspace().step("a", 1, goes_on).result == {"found": 1}
+    made = workspace().run(count("a", 1, goes_on))
+    assert made == Count(tmp_path / "work/a", 1, (1, 2))  # in the folder where its files have come to lie
+    assert workspace().run(count("a", 1, stopped)) == made  # read, not made again
     # Under other settings, what was stopped is of no use.
     with pytest.raises(KeyboardInterrupt):
-        workspace().step("a", 2, stopped)
-    assert workspace().step("a", 3, goes_on).result == {"found": 0}
+        workspace().run(count("a", 2, stopped))
+    assert workspace().run(count("a", 3, goes_on)).found == 0
+
+
+def test_a_step_recorded_by_another_version_is_repeated(tmp_path: Path) -> None:
+    def make(found: int) -> Count:
+        workspace = Workspace(tmp_path / "work", lambda *_: lambda *_: None)
+        return workspace.run(count("a", 1, lambda folder, _: Count(folder, found)))
+
+    make(1)
+    record = tmp_path / "work/a/done.json"
+    written = record.read_text()
+    record.write_text(written.replace('"at"', '"places"'))
+    assert make(2).found == 2
+    record.write_text(record.read_text().replace('"result": {', '"result": {"more": 3, '))
+    assert make(4).found == 2  # a field that is no longer read does no harm
 
 
 def test_a_repeated_step_repeats_all_after_it(tmp_path: Path) -> None:
@@ -289,11 +317,11 @@ def test_a_repeated_step_repeats_all_after_it(tmp_path: Path) -> None:
         workspace = Workspace(tmp_path / "work", lambda *_: lambda *_: None)
         for name, value in zip("abc", settings, strict=True):
 
-            def one(_: Path, __: object, name: str = name) -> dict[str, int]:
+            def one(folder: Path, _: object, name: str = name) -> Count:
                 ran.append(name)
-                return {}
+                return Count(folder, 0)
 
-            workspace.step(name, value, one)
+            workspace.run(count(name, value, one))
 
     for settings, expected in (([1, 1, 1], "abc"), ([1, 1, 1], ""), ([1, 2, 1], "bc"), ([1, 2, 2], "c")):
         ran.clear()

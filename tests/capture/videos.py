@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from pathlib import Path
+from typing import cast
 
 import av
 import numpy as np
@@ -15,7 +16,7 @@ TICKS = 1000  # a second
 def write_video(path: Path, images: list[NDArray[np.uint8]], times_s: list[float], codec: str = "mpeg4") -> Path:
     """A video of high quality (MPEG-4 part 2 by default) whose frames have those presentation times."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=25)
+        stream = cast(av.VideoStream, container.add_stream(codec, rate=25))
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = "yuv420p"
         stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS)

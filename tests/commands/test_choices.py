@@ -50,7 +50,7 @@ def test_a_new_entry_is_a_choice(
     assert "novelty" not in help_of(command, capsys)
     entries = getattr(import_module(module), registry)
     if isinstance(entries, Mapping):
-        monkeypatch.setitem(entries, "novelty", next(iter(entries.values())))  # type: ignore[arg-type]
+        monkeypatch.setitem(entries, "novelty", next(iter(entries.values())))
     else:
         monkeypatch.setattr(f"{module}.{registry}", (*entries, "novelty"))
     assert "novelty" in help_of(command, capsys)

@@ -9,7 +9,8 @@ import pytest
 import torch
 from PIL import Image
 
-from aa4d.capture.reader import Capture, depth_of, instance_ids_of, read_capture
+from aa4d.capture.reader import Capture, read_capture
+from aa4d.capture.truth import depth_of, instance_ids_of
 from aa4d.commands.evaluate import metrics_table, motion_rows
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
@@ -99,7 +100,7 @@ def test_a_group_that_stands_anywhere_on_its_instance_has_no_error(loaded: Loade
     ride(loaded, everyone(loaded))
     assert loaded.model.groups is not None
     with torch.no_grad():
-        loaded.model.groups.position += torch.tensor([0.8, -0.4, 0.2]) / loaded.frame.unit_m
+        loaded.model.groups.position.add_(torch.tensor([0.8, -0.4, 0.2]) / loaded.frame.unit_m)
     assert scores_of(loaded, capture).group_error_m == pytest.approx(0, abs=1e-4)
 
 

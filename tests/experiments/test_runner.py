@@ -20,7 +20,7 @@ from aa4d.experiments.trial import finished_row, run_trial
 from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
 from aa4d.files import write_json
 from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
-from aa4d.methods.adaanchor4d.settings import PRESETS
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
 from tests.capture.test_content import change_frame
 from tests.training.short_run import SHORT
@@ -98,7 +98,7 @@ def test_a_row_of_another_version_is_measured_again(toy_capture: Path, tmp_path:
 def test_a_trial_that_fails_does_not_stop_the_others(toy_capture: Path, tmp_path: Path) -> None:
     broken = Experiment("one", "One", (Variant("bad", {"aggregation": "vote"}), Variant("good")))
     watcher = Quiet()
-    with pytest.raises(InputError, match=r"1 of 2 runs failed, the first so: aggregation 'vote' is unknown"):
+    with pytest.raises(InputError, match=r"1 of 2 runs failed; first error: aggregation 'vote' is unknown"):
         run_experiment(broken, trials_of(broken, [toy_capture], tmp_path / "x", TINY, 1), tmp_path / "x", 1, watcher)
     with (tmp_path / "x/rows.csv").open() as file:
         assert [row["variant"] for row in csv.DictReader(file)] == ["good"]
@@ -131,7 +131,8 @@ def test_every_variant_is_one_that_training_knows() -> None:
             variant.settings(PRESETS["quick"])
     assert {v.model["aggregation"] for v in ABLATIONS["aggregation"].variants} == set(AGGREGATIONS)
     paper = PRESETS["paper"]
-    assert all(replace(e.variants[0].settings(paper), model=paper.model) == paper for e in SWEEPS.values())
+    first = [e.variants[0].settings(paper) for e in SWEEPS.values()]
+    assert all(isinstance(s, AdaAnchor4DSettings) and replace(s, model=paper.model) == paper for s in first)
 
 
 def test_a_shorter_schedule_keeps_its_proportions() -> None:

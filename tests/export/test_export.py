@@ -72,7 +72,7 @@ def seen_in_metres(gaussians: Gaussians, loaded: LoadedModel, view: View, turn: 
 @pytest.mark.parametrize("axes", ["world", "viewer"])
 def test_splats_look_like_the_model(clip: Clip, tmp_path: Path, axes: str) -> None:
     """Positions, scales and rotations in metres: the file drawn with a metric camera is the model's own picture."""
-    export(replace(clip, axes=axes), "ply", tmp_path / "out", silent)  # type: ignore[arg-type]
+    export(replace(clip, axes=axes), "ply", tmp_path / "out", silent)
     turn = np.eye(3) if axes == "world" else VIEWER.as_matrix()
     for view in clip.path.views:
         shown = seen_in_metres(read_splats(tmp_path / f"out/{view.name}.ply"), clip.loaded, view, turn)
@@ -99,9 +99,9 @@ def test_the_viewers_axes_have_the_sky_up() -> None:
 def test_whose_view_is_kept(clip: Clip) -> None:
     """Anchors decode by direction: each view's own camera, or one for all."""
     first, last = clip.path.views
-    assert np.array_equal(clip.gaussians(0).colors, world_gaussians(clip.loaded, first.t, first.centre()).colors)
+    assert np.array_equal(clip.gaussians(0).colors, world_gaussians(clip.loaded, first.t, first.center()).colors)
     eye = mean_eye(clip.path)
-    assert eye == pytest.approx((first.centre() + last.centre()) / 2)
+    assert eye == pytest.approx((first.center() + last.center()) / 2)
     fixed = replace(clip, eye=eye)
     assert np.array_equal(fixed.gaussians(1).colors, world_gaussians(clip.loaded, last.t, eye).colors)
     far = world_gaussians(clip.loaded, first.t, np.array([300.0, 0, 5]))

@@ -56,8 +56,8 @@ def test_frames_of_a_split_last_as_long_as_the_clip(loaded: LoadedModel) -> None
 def test_a_path_file_says_where_and_when(loaded: LoadedModel, tmp_path: Path) -> None:
     path = read_camera_path(write(tmp_path / "path.json"), loaded)
     assert [(v.name, v.t) for v in path.views] == [("000000", 0.0), ("aside", 0.5)]
-    assert path.views[0].centre() == pytest.approx([0, 0, 20])
-    assert path.views[1].centre() == pytest.approx([-20, 0, 20])
+    assert path.views[0].center() == pytest.approx([0, 0, 20])
+    assert path.views[1].center() == pytest.approx([-20, 0, 20])
     assert path.camera.width == loaded.camera.width
     own = {"model": "PINHOLE", "width": 64, "height": 36, "K": [[50, 0, 32], [0, 50, 18], [0, 0, 1]]}
     assert read_camera_path(write(tmp_path / "path.json", camera=own), loaded).camera.width == 64
@@ -82,10 +82,10 @@ def arc(n: int) -> CameraPath:
     views = []
     for i in range(n):
         angle = 2.0 * i / (n - 1)
-        eye = 30 * np.array([math.cos(angle), math.sin(angle), 1.0])
+        eye = 30.0 * np.array([math.cos(angle), math.sin(angle), 1.0])
         views.append(View(f"{i:06}", i / (n - 1), looking_at(eye, np.zeros(3))))
     camera = None
-    return CameraPath(tuple(views), np.linspace(0, 1, n), camera, 10.0)  # type: ignore[arg-type]
+    return CameraPath(tuple(views), np.linspace(0, 1, n), camera, 10.0)
 
 
 def test_resampling_passes_through_every_view_and_keeps_to_the_arc() -> None:
@@ -97,7 +97,7 @@ def test_resampling_passes_through_every_view_and_keeps_to_the_arc() -> None:
     for view in fine.views:
         rotation = view.viewmat[:3, :3]
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-        assert np.hypot(*view.centre()[:2]) == pytest.approx(30, abs=0.01)
+        assert np.hypot(*view.center()[:2]) == pytest.approx(30, abs=0.01)
         # It goes on looking at the middle.
         x, y, z = view.viewmat[:3, 3]
         assert abs(x / z) < 1e-3
@@ -116,7 +116,7 @@ def test_another_frame_rate_keeps_the_seconds() -> None:
 def test_a_hovering_camera_stays_where_it_is(views: int) -> None:
     still = viewmat(np.array([1.0, 2, 20]))
     path = CameraPath(
-        tuple(View(str(i), i / 3, still) for i in range(views)), np.arange(views, dtype=float), None, 10.0  # type: ignore[arg-type]
+        tuple(View(str(i), i / 3, still) for i in range(views)), np.arange(views, dtype=float), None, 10.0
     )  # fmt: skip
     for view in resampled(path, 7).views:
         np.testing.assert_allclose(view.viewmat, still, atol=1e-9)

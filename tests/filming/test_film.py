@@ -200,7 +200,7 @@ def test_a_video_that_fails_leaves_nothing(tmp_path: Path) -> None:
         raise InputError("a picture cannot be read")
 
     with pytest.raises(InputError):
-        write_video(tmp_path / "a.mp4", broken(), 10)  # type: ignore[arg-type]
+        write_video(tmp_path / "a.mp4", broken(), 10)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -230,7 +230,7 @@ def test_each_mover_has_a_color_of_its_own_and_the_world_is_gray(toy_run: Path) 
     assert group is not None
     colors = mover_colors(loaded)
     for g, color in ((-1, WORLD_GRAY), (0, group_color(0)), (1, group_color(1))):
-        torch.testing.assert_close(colors[group == g], torch.tensor(color).expand((group == g).sum(), 3))
+        torch.testing.assert_close(colors[group == g], torch.tensor(color).expand(int((group == g).sum()), 3))
     many = np.array([group_color(g) for g in range(200)])
     apart = np.linalg.norm(many[:, None] - many[None], axis=2)
     assert np.abs(np.diff(many, axis=0)).max(axis=1).min() > 0.5

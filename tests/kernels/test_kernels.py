@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from aa4d.kernels import _native
+from aa4d import _native
 from aa4d.kernels.image_loss import _image_loss, image_loss
 from aa4d.kernels.local_gaussians import _local_gaussians, local_gaussians
 from aa4d.kernels.plane_lookup import _look_up, look_up
@@ -210,8 +210,8 @@ def test_the_image_loss_shows_nan() -> None:
 @pytest.mark.parametrize(("anchors", "offsets"), [(1, 1), (7, 3), (300, 10), (0, 10)])
 def test_local_gaussians_agree_with_their_twin(anchors: int, offsets: int) -> None:
     torch.manual_seed(4)
-    shapes = ((anchors, 3), (anchors, offsets, 3), (anchors, 6), (anchors, offsets))
-    shapes += ((anchors, 3 * offsets), (anchors, 7 * offsets))
+    flat = ((anchors, 6), (anchors, offsets), (anchors, 3 * offsets), (anchors, 7 * offsets))
+    shapes = ((anchors, 3), (anchors, offsets, 3), *flat)
     inputs = [torch.randn(shape) for shape in shapes]
     inputs[2] = inputs[2].exp()
     for raw in inputs[3:]:
@@ -228,9 +228,8 @@ def test_local_gaussians_agree_with_their_twin(anchors: int, offsets: int) -> No
 
 def test_small_opacities_keep_their_bits_and_large_inputs_saturate() -> None:
     raw = torch.tensor([[1e-7, 1e-3, 0.2499, 0.2501, 1.0, 60.0, -60.0, -1e-3, 3e38]])
-    zeros = [torch.zeros(1, 3), torch.zeros(1, 9, 3), torch.ones(1, 6)]
-    color = raw.repeat(1, 3)
-    gaussians = local_gaussians(*zeros, raw, color, torch.zeros(1, 63))
+    color, zeros = raw.repeat(1, 3), torch.zeros(1, 9, 3)
+    gaussians = local_gaussians(zeros[0, :1], zeros, torch.ones(1, 6), raw, color, torch.zeros(1, 63))
     expected = raw.double().tanh().clamp_min(0)[0]
     torch.testing.assert_close(gaussians.opacities.double(), expected, rtol=3e-7, atol=0)
     torch.testing.assert_close(gaussians.colors.view(-1), torch.sigmoid(color[0]), rtol=3e-7, atol=1e-30)
@@ -268,7 +267,7 @@ for threads in (1, 2, 3, 5):
 
 def test_the_number_of_threads_changes_no_bit_and_instruction_sets_agree() -> None:
     means = []
-    for instruction_set in {"portable", "avx2" if _native.instruction_set() != "portable" else "portable", ""}:
+    for instruction_set in {"portable", "avx2" if _native.field.instruction_set() != "portable" else "portable", ""}:
         result = subprocess.run(
             [sys.executable, "-c", ALL_KERNELS],
             env=os.environ | {"AA4D_SIMD": instruction_set},
@@ -286,7 +285,7 @@ def test_the_number_of_threads_changes_no_bit_and_instruction_sets_agree() -> No
 
 def test_an_instruction_set_that_does_not_exist_is_refused() -> None:
     result = subprocess.run(
-        [sys.executable, "-c", "from aa4d.kernels import _native; _native.instruction_set()"],
+        [sys.executable, "-c", "from aa4d import _native; _native.field.instruction_set()"],
         env=os.environ | {"AA4D_SIMD": "mmx"},
         capture_output=True,
         text=True,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from aa4d.capture.reader import Boxes
+from aa4d.capture.truth import Boxes
 from aa4d.motion.boxes import box_tracks
 from aa4d.motion.ground import project
 from aa4d.motion.observations import Observations

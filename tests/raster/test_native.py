@@ -11,7 +11,8 @@ import torch
 from raster_scenes import BACKGROUND, assert_matches_reference, camera, leaves, random_gaussians, straight_camera
 from raster_scenes import draw as draw_leaves
 
-from aa4d.raster import Gaussians, Options, _native, constants, rasterize
+from aa4d import _native
+from aa4d.raster import Gaussians, Options, constants, rasterize
 from aa4d.raster.cutoffs import CUTOFFS
 from aa4d.raster.native import draw
 from aa4d.raster.reference import blend, project
@@ -106,7 +107,7 @@ def test_tensors_of_any_layout_are_taken() -> None:
 
 
 def test_constants_are_those_of_the_kernels() -> None:
-    assert _native.constants() == {name: value for name, value in vars(constants).items() if name.isupper()}
+    assert _native.raster.constants() == {name: value for name, value in vars(constants).items() if name.isupper()}
 
 
 def test_changing_an_input_before_backward_is_refused() -> None:
@@ -123,8 +124,8 @@ def test_every_instruction_set_agrees(set_name: str, subprocess_python: Any) -> 
     """The environment chooses when the module is loaded, so each set gets a process of its own."""
     code = (
         "from raster_scenes import *\n"
-        "from aa4d.raster import _native\n"
-        f"assert _native.instruction_set() == {set_name!r}\n"
+        "from aa4d import _native\n"
+        f"assert _native.raster.instruction_set() == {set_name!r}\n"
         "gaussians = random_gaussians(150, 4, features=3)\n"
         "assert_matches_reference(gaussians, camera(), outputs=('depth', 'absolute_gradient'))\n"
         "layers = one_gaussian(means=[[0, 0, 3 + 1e-3 * i] for i in range(1500)], opacities=[0.05])\n"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("bpy", reason="needs the bpy module")
-from aa4d.sheet_plot import plot
+from aa4d.reports.contact_sheet import plot
 
 SCRIPT = Path(__file__).resolve().parents[2] / "synth" / "sheet.py"
 

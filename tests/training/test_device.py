@@ -13,7 +13,7 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 
 from aa4d.anchors.densification import Statistics
 from aa4d.capture.reader import read_capture
-from aa4d.device import choose_device
+from aa4d.device import choose_device, note_on_device
 from aa4d.errors import InputError
 from aa4d.evaluation.views import view_of_frame
 from aa4d.methods.adaanchor4d.settings import ModelConfig
@@ -90,21 +90,26 @@ def test_evaluation_views_a_frame_where_the_model_lies(toy_capture: Path, tmp_pa
     assert camera.viewmat.device == camera.K.device == background.device == OTHER
 
 
-def test_auto_is_the_cpu_where_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_auto_is_the_cpu_and_says_so_where_a_gpu_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aa4d.device.find_spec", lambda name: name)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert choose_device("auto") == torch.device("cpu")
+    assert choose_device("cuda") == torch.device("cuda")
+    assert "--device cuda" in (note_on_device("auto") or "")
+    assert note_on_device("cuda") is None
+    assert note_on_device("cpu") is None
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert choose_device("auto") == choose_device("cpu") == torch.device("cpu")
+    assert note_on_device("auto") is None
+
+
+def test_cuda_without_a_gpu_or_gsplat_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(InputError, match=r"finds no CUDA GPU here; .* use --device cpu"):
         choose_device("cuda")
-
-
-def test_a_gpu_without_gsplat_is_used_only_when_asked_for_and_then_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr("aa4d.device.find_spec", lambda _: None)
-    assert choose_device("auto") == torch.device("cpu")
     with pytest.raises(InputError, match="pip install gsplat"):
         choose_device("cuda")
-    monkeypatch.setattr("aa4d.device.find_spec", lambda name: name)
-    assert choose_device("auto") == choose_device("cuda") == torch.device("cuda")
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")

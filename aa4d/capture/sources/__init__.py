@@ -1,4 +1,4 @@
-"""What `aa4d capture` reads: a registry of kinds of input. A new kind is one module and one entry."""
+"""Inputs of `aa4d capture`: a registry of kinds of input. A new kind is one module and one entry."""
 
 from __future__ import annotations
 
@@ -30,6 +30,10 @@ class Source:
     focal_share: float | None = None  # focal length over the longest side, where EXIF has it
     # Of a source whose `pictures` can be gone through once: those from a second on, again.
     again: Callable[[float], Iterable[Picture]] | None = None
+
+    def stamps(self) -> list[tuple[str, int, int]]:
+        """Path, size and time of change of every file: what steps that read them depend on."""
+        return [(str(f), f.stat().st_size, f.stat().st_mtime_ns) for f in self.files]
 
     def pictures_from(self, start_s: float) -> Iterable[Picture]:
         """To look at some; `pictures` stays untouched. Earlier ones may come first."""

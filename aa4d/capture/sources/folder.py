@@ -13,7 +13,7 @@ from aa4d.capture.clip import Picture
 from aa4d.capture.colmap import quiet
 from aa4d.capture.gnss import position_of_photograph
 from aa4d.capture.pictures import EXTENSIONS, is_plain, read_picture
-from aa4d.capture.selection import shown, some
+from aa4d.capture.selection import abbreviate, shown
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source
 from aa4d.errors import InputError
@@ -33,7 +33,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     notes = []
     others = [shown(p) for p in found if p.suffix.lower() not in EXTENSIONS]
     if others:
-        notes.append(f"{some(others)} left out: no picture")
+        notes.append(f"{abbreviate(others)} left out: no picture")
     if not files:
         raise InputError(f"{path}: holds no picture ({', '.join(EXTENSIONS)}); give the folder that holds the frames")
     files, numbers = in_order(files)

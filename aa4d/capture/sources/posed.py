@@ -13,7 +13,7 @@ import pycolmap
 from aa4d.capture.annotations import read_annotations
 from aa4d.capture.clip import Clip
 from aa4d.capture.intrinsics import check_intrinsics, check_size
-from aa4d.capture.reader import frame_of_index, is_rigid
+from aa4d.capture.schema import frame_of_index, is_rigid
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source, folder
 from aa4d.errors import InputError
@@ -73,7 +73,7 @@ class PosedPictures:
 
 
 def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether two sizes are of one picture, made smaller and rounded to whole pixels."""
+    """True where two sizes are of one picture, made smaller and rounded to whole pixels."""
     small, large = np.array(sorted([one, other]), np.float64)
     return bool(np.abs(large * (small[0] / large[0]) - small).max() <= 1)
 
@@ -126,7 +126,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
 
 
 def _own_capture(path: Path) -> tuple[dict[str, float], bool]:
-    """Of a capture of ours (docs/formats.md): the seconds of its pictures, and whether its world is in metres."""
+    """For a capture of ours (docs/formats.md): the seconds of its pictures, and whether its world is in metres."""
     index = path / "capture.json"
     document = read_json_object(index, "the index of a capture") if index.is_file() else {}
     if document.get("format") != "aa4d-capture":
@@ -235,10 +235,10 @@ def _camera_values(values: dict[str, Any], path: Path) -> tuple[Any, ...]:
     else:
         fx = float(values["fl_x"])
     fy = float(values.get("fl_y", fx))
-    centre = float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
+    center = float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
     distortion = [float(values.get(name, 0.0)) for name in ("k1", "k2", "p1", "p2")]
     if kind not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE"):
         raise InputError(f'{path}: camera_model {kind!r} is not supported; expected "OPENCV" or "PINHOLE"')
     if not any(distortion) or kind != "OPENCV":
-        return ("PINHOLE", width, height, fx, fy, *centre)
-    return ("OPENCV", width, height, fx, fy, *centre, *distortion)
+        return ("PINHOLE", width, height, fx, fy, *center)
+    return ("OPENCV", width, height, fx, fy, *center, *distortion)

@@ -17,7 +17,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
 
 
 def annotation_file(path: Path) -> Path | None:
-    """Where the data sets keep the boxes of the sequence in folder `path`; None where there are none.
+    """The file in which the data sets keep the boxes of the sequence in folder `path`; None where there are none.
 
     VisDrone: SPLIT/sequences/NAME and SPLIT/annotations/NAME.txt. UAVDT: UAV-benchmark-M/NAME and
     UAV-benchmark-MOTD_v1.0/GT/NAME_gt_whole.txt; single-object sequences have NAME_gt.txt beside the frames.

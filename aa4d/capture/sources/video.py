@@ -49,7 +49,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
 
 @dataclass(frozen=True)
 class Index:
-    """What a video says of its frames before one is decoded."""
+    """Facts that a video states about its frames before one is decoded."""
 
     first_s: float  # when the first is shown, by the stream's own clock
     times_s: list[float]  # from the first

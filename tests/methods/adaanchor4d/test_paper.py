@@ -113,7 +113,7 @@ def gaussians_of_anchor(model: AdaAnchor4D, i: int, t: float, centre: np.ndarray
     query = [*(warped(model, u[d], d) for d in range(3)), 2 * t - 1]
 
     e = a.embedding_acfa[i].detach().numpy()
-    z = network(model.aggregation.predictor, np.append(e, t))  # type: ignore[arg-type]
+    z = network(model.aggregation.predictor, np.append(e, t))
     h = []
     for level in range(len(c.spatial_resolutions)):
         g = {pair: read_plane(model, level, pair, query) for pair in PAIRS}
@@ -187,7 +187,7 @@ def test_training_starts_at_uniform_weights_and_the_canonical_geometry(aggregati
     config = ModelConfig(spatial_resolutions=(4,), temporal_resolution=4, aggregation=aggregation)
     model = AdaAnchor4D(config, Anchors(torch.randn(6, 3), torch.zeros(6, 6), 10, 32, 32, embedding_std=3.0))
     rows = model.anchors.rows()
-    weights = model.aggregation.weights(rows.embedding_acfa, 0.7)  # type: ignore[operator]
+    weights = model.aggregation.weights(rows.embedding_acfa, 0.7)
     assert torch.equal(weights, torch.full_like(weights, 1 / 6))
     deformed, canonical = model.deformed(rows, 0.7), model.canonical(rows)
     for name in ("position", "feature", "offset", "scale"):

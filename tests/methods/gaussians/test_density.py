@@ -51,7 +51,7 @@ def test_small_ones_are_cloned_large_ones_split_and_the_rest_stays() -> None:
 def test_children_inherit_everything_else_and_begin_without_moments() -> None:
     model = model_of([0.05, 0.5, 0.05], [0.6, 0.6, 0.6])
     optimiser = make_optimiser(model, Rates(), canonical=False)
-    sum(p.square().sum() for p in model.parameters()).backward()  # type: ignore[union-attr]
+    sum(p.square().sum() for p in model.parameters()).backward()
     optimiser.step()
     before = {name: model.tensor(name).detach().clone() for name in model.unit_tensors()}
     edit = clone_and_split(model, statistics_of([2.0, 2.0, 0.0]), SETTINGS, seeded())

@@ -1,0 +1,7 @@
+#include "field/kernel_table.hpp"
+
+namespace aa4d::field {
+
+const Kernels kPortableKernels = portable::kKernels;
+
+}  // namespace aa4d::field

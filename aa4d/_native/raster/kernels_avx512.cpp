@@ -1,0 +1,7 @@
+#include "raster/kernel_table.hpp"
+
+namespace aa4d::raster {
+
+const Kernels kAvx512Kernels = avx512::kKernels;
+
+}  // namespace aa4d::raster

@@ -1,7 +1,0 @@
-#include "kernel_table.hpp"
-
-namespace aa4d {
-
-const Kernels kAvx512Kernels = avx512::kKernels;
-
-}  // namespace aa4d

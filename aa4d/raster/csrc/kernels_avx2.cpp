@@ -1,7 +1,0 @@
-#include "kernel_table.hpp"
-
-namespace aa4d {
-
-const Kernels kAvx2Kernels = avx2::kKernels;
-
-}  // namespace aa4d
