@@ -1,4 +1,4 @@
-"""What the 3D views show after an import: the colours, and the scene as the drone saw it in the middle of the clip."""
+"""What is seen after an import: the colours, the scene from the side of the drone, the clip in the timeline."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -18,19 +18,22 @@ MARGIN = 1.05
 SENSOR_MM = 36.0  # of a 3D view: half its larger side at a distance of its lens
 
 
-def show(screen: bpy.types.Screen | None, objects: Sequence[bpy.types.Object], model: Model) -> None:
-    """Let all 3D views of the window show the colours, and those that look through no camera the objects."""
+def show(context: bpy.types.Context, objects: Sequence[bpy.types.Object], model: Model) -> None:
+    """Let all 3D views of the window show the colours, those that look through no camera the objects, and its timelines
+    the whole clip."""
     places = _places(objects)
-    for area in () if screen is None else screen.areas:
-        if area.type != "VIEW_3D":
-            continue
-        space = area.spaces.active
-        if space.shading.type in COLORLESS:
-            with suppress(TypeError):  # Workbench, where the scene renders with it, knows no materials
-                space.shading.type = "MATERIAL"
+    for area in () if context.screen is None else context.screen.areas:
         window = next((region for region in area.regions if region.type == "WINDOW"), None)
-        if window is not None and len(places) and space.region_3d.view_perspective != "CAMERA":
-            _frame(space, places, _drone_axes(model), (max(1, window.width), max(1, window.height)))
+        if area.type == "VIEW_3D" and window is not None:
+            space = area.spaces.active
+            if space.shading.type in COLORLESS:
+                with suppress(TypeError):  # Workbench, where the scene renders with it, knows no materials
+                    space.shading.type = "MATERIAL"
+            if len(places) and space.region_3d.view_perspective != "CAMERA":
+                _frame(space, places, _drone_axes(model), (max(1, window.width), max(1, window.height)))
+        elif area.type == "DOPESHEET_EDITOR" and window is not None and not bpy.app.background:
+            with context.temp_override(area=area, region=window), suppress(RuntimeError):
+                bpy.ops.action.view_all()
 
 
 def _places(objects: Sequence[bpy.types.Object]) -> Floats:

@@ -66,7 +66,8 @@ class ImportModel(bpy.types.Operator, ImportHelper):
     )
     show: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Show at Once",
-        description="Let the 3D views show the colours, in Material Preview, and look at the scene as the drone does",
+        description="Let the 3D views show the colours, in Material Preview, without the outline of a selection, and "
+        "look at the scene as the drone does",
         default=True,
     )
     largest: bpy.props.IntProperty(  # type: ignore[valid-type]
@@ -91,7 +92,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Import, select what was made, and say what it is."""
+        """Import, make what was made active, and say what it is."""
         look = self.look
         if look == "AUTOMATIC":
             look = materials.POINTS if self.carrier == names.ANCHORS else materials.GAUSSIANS
@@ -115,11 +116,11 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         for obj in context.selected_objects:
             obj.select_set(False)
-        imported.points.select_set(True)
+        imported.points.select_set(not self.show)  # the outline of thousands of points would hide their colours
         context.view_layer.objects.active = imported.points
         together = parts.parts(imported.points)
         if self.show:
-            first_sight.show(context.screen, together, imported.model)
+            first_sight.show(context, together, imported.model)
         message = translated("Imported {:,} points over {} frames; Material Preview shows their colours")
         count = sum(len(part.data.vertices) for part in together)
         text = message.format(count, imported.model.frame_count)

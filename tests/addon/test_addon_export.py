@@ -102,8 +102,9 @@ def assert_same_splats(found: tuple[np.ndarray, np.ndarray], expected: tuple[np.
 
 
 @pytest.mark.parametrize("baked", [False, True])
-@pytest.mark.parametrize("moved", ["", "turned and grown", "stretched", "mirrored", "in motion"])
-@pytest.mark.parametrize("groups", [0, 3])
+@pytest.mark.parametrize(
+    ("moved", "groups"), [("", 0), ("turned and grown", 3), ("stretched", 0), ("mirrored", 3), ("in motion", 3)]
+)
 def test_splats_stand_where_they_are_drawn(
     bpy: Any, extension: str, tmp_path: Path, baked: bool, moved: str, groups: int
 ) -> None:

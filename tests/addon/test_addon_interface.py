@@ -176,6 +176,8 @@ def test_first_sight_is_in_colour_and_frames_the_scene(bpy: Any, model_path: Pat
     assert space.shading.type == "SOLID"
     obj = imported(bpy, model_path)
     assert space.shading.type == "MATERIAL"
+    assert bpy.context.active_object == obj
+    assert not obj.select_get()  # the outline of thousands of points would hide their colours
     view = space.region_3d
     matrix = Matrix.Translation(view.view_location) @ view.view_rotation.to_matrix().to_4x4()
     matrix = np.array((matrix @ Matrix.Translation((0, 0, view.view_distance))).inverted())
@@ -196,6 +198,7 @@ def test_view_stays_where_that_is_wanted(bpy: Any, model_path: Path) -> None:
     before = space.shading.type, space.region_3d.view_distance
     imported(bpy, model_path, show=False)
     assert (space.shading.type, space.region_3d.view_distance) == before
+    assert bpy.context.active_object.select_get()
     space.shading.type = "RENDERED"
     imported(bpy, model_path)
     assert space.shading.type == "RENDERED"

@@ -24,7 +24,7 @@ ESSENTIAL = (
     "or drone_camera or save_and_reload or undo or deleted_by_hand or rendered_colour or clip_time_live or keyed "
     "or colours_show or ghosts or filters or discs or usd or splats or relinked or motion_blur or passes or shadow "
     "or vehicle or orphaned or dropped or duplicate or applied or stands_still "
-    "or seconds or rate or half_an_import or drawn or nothing_shown or without_cycles or without_usd"
+    "or keeps_its_seconds or half_an_import or nothing_shown or without_cycles or without_usd or first_sight"
 )
 
 
