@@ -36,8 +36,8 @@ The same file, seed and version of Blender give the same frames, byte for byte.
 The scene's own ground is a square of 1.2 km. Where a frame looks beyond it, level land goes on to the horizon, at any
 altitude and pitch. The camera alone sees it: what stands in the scene is lit as without it, and what was hit before
 keeps its pixels and its depth to the bit (a denoised picture may change beside the new land). A pixel of land costs
-what one of lawn does: at 120 m and a pitch of -15 degrees, where a quarter of the picture is land that was empty before,
-a picture of the tiny scene at 480x270 and 8 samples took 3.0 s of one core instead of 2.2 s; from 1,900 m at -20
+what one of lawn does: at 120 m and a pitch of -15 degrees, where a quarter of the picture is land that was empty, a
+picture of the tiny scene at 480x270 and 8 samples took 3.0 s of one core instead of 2.2 s; from 1,900 m at -20
 degrees, where all of it is, 3.1 s instead of 0.2 s.
 
 ## The ten arc scenes
