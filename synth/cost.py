@@ -26,6 +26,7 @@ from synth.errors import InputError  # noqa: E402
 from synth.files import write_json  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
 from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
+from synth.parent import end_with_parent  # noqa: E402
 from synth.plan import Frame, Plan, make_fleet, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import Scene, read_scene  # noqa: E402
@@ -234,6 +235,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where cost.json is written")
     parser.add_argument("--reference", type=int, default=256, metavar="N", help="samples of the reference picture")
+    end_with_parent()
     options = parser.parse_args(arguments)
     scene = read_scene(options.scene)
     with interrupt_deferred():

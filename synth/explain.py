@@ -19,6 +19,11 @@ def explain(plan: Plan) -> str:
     lines = [
         f"{scene.name}: {len(plan.frames)} frames of {camera.width_px}x{camera.height_px} at {scene.time.fps:g} fps",
         f"  flight   {scene.flight.kind}, {flown:.1f} m from z {poses[0, 2, 3]:.1f} m to {poses[-1, 2, 3]:.1f} m",
+        *(
+            ["  ground   with land to the horizon: a frame looks beyond the scene's own"]
+            if plan.city.land.faces
+            else []
+        ),
         f"  traffic  {moving.shape[1]} instances, {int(moving.any(axis=0).sum())} of them move",
         *(f"           {note}" for note in plan.fleet.notes),
         f"  render   {scene.render.samples} samples, {'denoised' if scene.render.denoise else 'not denoised'}",

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from synth import __version__
-from synth.camera import intrinsics
+from synth.camera import intrinsics, invert_rigid
 from synth.cast import Cast
+from synth.city.land import land, looks_beyond
 from synth.city.layout import City, build_city
 from synth.effects import Effect, at, choose
 from synth.errors import InputError
@@ -24,7 +25,9 @@ from synth.seeds import frame_seed
 from synth.shutter import Shutter
 from synth.spec import Scene
 from synth.staging import Staging
+from synth.streets.ground import BEYOND_M
 from synth.traffic.instances import Fleet, build_fleet
+from synth.traffic.off_road import off_road_share
 from synth.traffic.tracks import read_tracks
 
 Array = NDArray[np.float64]
@@ -107,6 +110,10 @@ def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
         )
     signals = scene.signal is not None
     city = build_city(scene.street.ground(signals), scene.blocks, scene.greenery.street_trees, scene.seed)
+    poses = np.stack([flight.viewmat(t) for frame in frames for t in shutter.span_s(frame.time_s)])
+    if looks_beyond(poses, K, size, lens.margin_px):
+        highest = float(invert_rigid(poses)[:, 2, 3].max())
+        city = dataclasses.replace(city, land=land(highest, 1 / K[0, 0]))
     fleet = make_fleet(scene, duration, folder)
     models = find_models(scene.assets, folder)
     plan = Plan(scene, K, frames, flight, fleet, city, effects, lens, shutter, (), Cast(fleet), models)
@@ -132,10 +139,20 @@ def make_fleet(scene: Scene, duration_s: float, folder: Path = Path()) -> Fleet:
     if scene.signal is not None:
         lights = {"east_west": scene.signal.east_west_green_s, "north_south": scene.signal.north_south_green_s}
     tracks = read_tracks(scene.tracks, folder, duration_s) if scene.tracks else None
-    return build_fleet(
+    fleet = build_fleet(
         scene.street.network(lights is not None), scene.vehicles, scene.flows, scene.traffic, scene.parking,
         scene.pedestrians, lights, scene.seed, duration_s, tracks,
     )  # fmt: skip
+    if tracks is not None:
+        islands = scene.street.ground(lights is not None).islands
+        raised = [np.array([*island.kerb.outline(3.0), *island.beyond]) for island in islands]
+        share = off_road_share(tracks, raised, BEYOND_M, duration_s)
+        note = f"tracks: {share:.1%} of the vehicles' way lies off the road"
+        place = (
+            "; tracks.recentre, scale, turn_deg and shift_m place the table on the street." if share > 0.005 else "."
+        )
+        fleet = dataclasses.replace(fleet, notes=(*fleet.notes, note + place))
+    return fleet
 
 
 def document(plan: Plan, blender: str) -> dict[str, Any]:

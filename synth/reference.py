@@ -33,6 +33,13 @@ blender -b -P synth/render_flyover.py -- scenes/crossroads.toml --out captures/c
 
 The same file, seed and version of Blender give the same frames, byte for byte.
 
+The scene's own ground is a square of 1.2 km. Where a frame looks beyond it, level land goes on to the horizon, at any
+altitude and pitch. The camera alone sees it: what stands in the scene is lit as without it, and what was hit before
+keeps its pixels and its depth to the bit (a denoised picture may change beside the new land). A pixel of land costs
+what one of lawn does: at 120 m and a pitch of -15 degrees, where a quarter of the picture is land that was empty, a
+picture of the tiny scene at 480x270 and 8 samples took 3.0 s of one core instead of 2.2 s; from 1,900 m at -20
+degrees, where all of it is, 3.1 s instead of 0.2 s.
+
 ## The ten arc scenes
 
 ![Frame, depth, flow and activity of each of the ten arc scenes](images/arcs.jpg)
@@ -88,6 +95,9 @@ driven - over 70 m/s, 25 for cyclists, 12 on foot, or too far for the speed befo
 with its name and time, or with `jumps = "split"` left out between its two samples. SUMO's step to the next lane within
 one step becomes a change of lane of two seconds. Gaps and rows that are left out are counted before rendering and by
 `--explain`.
+
+`scale`, `recentre`, `turn_deg` and `shift_m`, in this order, place a table on the street. `--explain` and the rendering
+say which share of the vehicles' way lies off the road: on kerbs, pavements, lawns, or beyond the scene's ground.
 
 SUMO's floating car data names a vehicle's type, not its class. `types` is the file with SUMO's `<vType>` elements,
 whose `vClass` decides; without it the whole words of the type's name do: `bus_1` is a bus, `rebus` is not. Where no

@@ -25,6 +25,7 @@ from synth.errors import InputError  # noqa: E402
 from synth.files import write_bytes, write_json, write_npz  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
 from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
+from synth.parent import end_with_parent  # noqa: E402
 from synth.plan import Frame, Plan, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import Render, Scene, read_scene  # noqa: E402
@@ -133,6 +134,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where sheet.json and NAME/ are written")
     parser.add_argument("--frames", type=int, default=4, metavar="N", help="frames to film of each (default: 4)")
+    end_with_parent()
     options = parser.parse_args(arguments)
     if options.frames < FEWEST:
         raise InputError(f"--frames {options.frames}: must be at least {FEWEST}.")

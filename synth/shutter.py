@@ -20,6 +20,11 @@ class Shutter:
         """Nothing moves while it is open: there is nothing to simulate."""
         return self.exposure_s + self.readout_s == 0
 
+    def span_s(self, time_s: float) -> tuple[float, ...]:
+        """A frame's instant, and when its shutter opens and closes."""
+        half = 0.5 * (self.exposure_s + self.readout_s)
+        return (time_s,) if self.instant else (time_s - half, time_s, time_s + half)
+
     def row_offsets_s(self, height: int) -> NDArray[np.float64]:
         """Middle of the exposure of each row [H], relative to the frame's instant."""
         return self.readout_s * ((np.arange(height) + 0.5) / height - 0.5)

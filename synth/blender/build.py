@@ -42,6 +42,8 @@ def build_stage(plan: Plan) -> Stage:
     scene = bpy.context.scene
     collection = scene.collection
     collection.objects.link(bpy.data.objects.new("city", mesh_data("city", plan.city.static)))
+    if plan.city.land.faces:
+        collection.objects.link(_land(plan.city.land))
     props = {name: mesh_data(name, mesh) for name, mesh in plan.city.props.items()}
     for index, placement in enumerate(plan.city.placements):
         prop = bpy.data.objects.new(f"{placement.mesh}.{index:03d}", props[placement.mesh])
@@ -63,7 +65,16 @@ def build_stage(plan: Plan) -> Stage:
         collection.objects.link(vehicle)
         vehicles.append(vehicle)
     _light(scene, plan.scene.light)
-    return Stage(scene, _camera(scene, plan.scene.camera), tuple(vehicles))
+    farthest = max((max(map(abs, vertex)) for vertex in plan.city.land.vertices), default=0.0)
+    return Stage(scene, _camera(scene, plan.scene.camera, max(CLIP_END_M, 2 * farthest)), tuple(vehicles))
+
+
+def _land(mesh: Mesh) -> Any:
+    """Seen by the camera alone: the light of what stands in the scene is the same with and without it."""
+    thing = bpy.data.objects.new("land", mesh_data("land", mesh))
+    thing.visible_diffuse = thing.visible_glossy = thing.visible_transmission = False
+    thing.visible_volume_scatter = thing.visible_shadow = False
+    return thing
 
 
 def mesh_data(name: str, mesh: Mesh) -> Any:
@@ -82,12 +93,12 @@ def mesh_data(name: str, mesh: Mesh) -> Any:
     return data
 
 
-def _camera(scene: Any, camera: Camera) -> Any:
+def _camera(scene: Any, camera: Camera, clip_end_m: float) -> Any:
     data = bpy.data.cameras.new("drone")
     data.sensor_fit = "HORIZONTAL"
     data.sensor_width = 36.0
     data.lens = 0.5 * data.sensor_width / math.tan(0.5 * math.radians(camera.hfov_deg))
-    data.clip_end = CLIP_END_M
+    data.clip_end = clip_end_m
     drone = bpy.data.objects.new("drone", data)
     scene.collection.objects.link(drone)
     scene.camera = drone

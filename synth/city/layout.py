@@ -3,7 +3,7 @@
 import hashlib
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -46,16 +46,19 @@ class Placement:
 
 @dataclass(frozen=True)
 class City:
-    """All that does not move."""
+    """All that does not move. `land` lies around it, where a frame looks so far."""
 
     static: Mesh
     props: dict[str, Mesh]
     placements: tuple[Placement, ...]
+    land: Mesh = field(default_factory=Mesh)
 
     def digest(self) -> str:
         """SHA-256 of the whole city."""
         parts = [self.static.digest(), *(f"{name} {mesh.digest()}" for name, mesh in self.props.items())]
         parts.append(repr(self.placements))
+        if self.land.faces:
+            parts.append(f"land {self.land.digest()}")
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 

@@ -47,6 +47,7 @@ SURFACES = {
     "pavement": Surface((0.27, 0.255, 0.235), 0.9, variation=GROUND, slabs_m=1.0),
     "court": Surface((0.20, 0.175, 0.15), 0.95, variation=GROUND),
     "grass": Surface((0.075, 0.125, 0.035), 1.0, variation=((0.15, 0.35), (0.8, 0.35), (3.0, 0.25))),
+    "land": Surface((0.080, 0.120, 0.040), 1.0, variation=((0.002, 0.35), (0.011, 0.3), (0.15, 0.25))),
     "gravel": Surface((0.30, 0.26, 0.20), 1.0, variation=GROUND),
     "wall": Surface((1.0, 1.0, 1.0), 0.9, variation=((0.25, 0.14), (1.5, 0.10))),
     "trim": Surface((0.55, 0.54, 0.51), 0.8, variation=((0.8, 0.1),)),

@@ -59,6 +59,12 @@ class TrackTable:
     )  # fmt: skip
     recentre: bool = key("move the middle of all tracks to the origin; required beyond 10 km, where flow loses pixels",
                          default=False)  # fmt: skip
+    scale: float = key("the table's coordinates are multiplied by this first: 0.3048 for feet", range=(1e-4, 1e4),
+                       default=1.0)  # fmt: skip
+    turn_deg: float = key("turns the tracks counter-clockwise about the origin, after `recentre`", unit="degrees",
+                          range=(-360, 360), default=0.0)  # fmt: skip
+    shift_m: tuple[float, float] = key("moves them east and north, last of all", unit="m", range=(-1e7, 1e7),
+                                       default=(0.0, 0.0))  # fmt: skip
     overlaps: Literal["refuse", "allow"] = key(
         '"allow": two road users of the table may touch, for measured ones that are shorter than their kinds',
         default="refuse",
@@ -141,15 +147,17 @@ def read_tracks(table: TrackTable, folder: Path, duration_s: float, where: str =
     samples = [stretch for track in tracks for stretch in track.stretches]
     everywhere = np.concatenate([stretch.centres for stretch in samples])
     origin = np.round(0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0)), 1) if table.recentre else np.zeros(2)
-    farthest = float(np.abs(everywhere - origin).max())
+    farthest = float(np.abs(_placed(everywhere - origin, table)).max())
     if farthest > FARTHEST_M:
         raise InputError(
             f"{path}: a track lies {farthest / 1000:.0f} km from the origin; set {where}.recentre = true, which moves "
-            "the middle of all tracks there (far from the origin flow loses whole pixels)."
+            "the middle of all tracks there, or shift_m (far from the origin flow loses whole pixels)."
         )
     first, last = min(s.times_s[0] for s in samples), max(s.times_s[-1] for s in samples)
     shown = [
-        Track(t.name, t.kind, tuple(Stretch(s.times_s - table.start_s, s.centres - origin, s.headings) for s in during))
+        Track(t.name, t.kind, tuple(
+            Stretch(s.times_s - table.start_s, _placed(s.centres - origin, table),
+                    s.headings + math.radians(table.turn_deg)) for s in during))
         for t in tracks
         if (during := [s for s in t.stretches
                        if s.times_s[0] <= table.start_s + duration_s and s.times_s[-1] >= table.start_s])
@@ -160,6 +168,14 @@ def read_tracks(table: TrackTable, folder: Path, duration_s: float, where: str =
             f"{table.start_s:g} s to {table.start_s + duration_s:g} s; set {where}.start_s."
         )
     return Tracks(tuple(shown), (float(origin[0]), float(origin[1])), table.overlaps == "allow", (*guesses, *notes))
+
+
+def _placed(points: Array, table: TrackTable) -> Array:
+    """Points [N, 2] turned and shifted as the table's keys say; bit for bit themselves without them."""
+    if table.turn_deg:
+        cos, sin = math.cos(math.radians(table.turn_deg)), math.sin(math.radians(table.turn_deg))
+        points = points @ np.array([[cos, sin], [-sin, cos]])
+    return points + table.shift_m
 
 
 def _beside_the_scene(folder: Path, name: str, where: str) -> Path:
@@ -236,8 +252,10 @@ def _stretches(name: str, rows: list[Row], longest_s: float, table: TrackTable, 
     if (np.diff(times) <= 0).any():
         raise InputError(f"{path}: {name!r} is at two places at {times[int(np.diff(times).argmin())]:g} s.")
     given = np.array([row.heading for row in rows])
-    centres = np.array([(row.x - row.ahead_m * math.cos(row.heading), row.y - row.ahead_m * math.sin(row.heading))
-                        if row.ahead_m else (row.x, row.y) for row in rows])  # fmt: skip
+    centres = table.scale * np.array([(row.x, row.y) for row in rows])
+    ahead = np.array([row.ahead_m for row in rows])
+    if ahead.any():
+        centres -= ahead[:, None] * np.stack([np.cos(given), np.sin(given)], axis=1)
     body = BODIES[rows[0].kind]
     for part in _parts(times, gaps(times, longest_s)):
         if table.format == "sumo":

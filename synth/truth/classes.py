@@ -11,7 +11,7 @@ CLASSES = (
 _GROUPS = {
     "road": ("asphalt", "patch", "worn", "tar", "cycle-lane", "iron", "marking"),
     "pavement": ("kerb", "pavement", "court", "gravel", "yard", "paving", "concrete"),
-    "vegetation": ("grass", "bark", "leaves", "flowers"),
+    "vegetation": ("grass", "land", "bark", "leaves", "flowers"),
     "building": ("wall", "trim", "window", "shop", "flat-roof", "tiles", "awning", "cladding", "far-wall"),
     "furniture": ("metal", "lamp", "wood"),
 }

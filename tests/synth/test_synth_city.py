@@ -1,6 +1,5 @@
 """Streets and city: the ground agrees with the lanes, and the same seed builds the same place."""
 
-import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from synth.plan import document, make_fleet, make_plan
 from synth.spec import Block, read_scene
 from synth.streets import STREETS, UNLIT
 from synth.streets.ground import Island
+from synth.traffic import off_road
 from synth.traffic.fleet import BODIES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,14 +23,8 @@ Array = NDArray[np.float64]
 
 
 def inside(points: Array, island: Island) -> NDArray[np.bool_]:
-    """Which of the points [N, 2] lie on an island: crossings of a ray with its outline."""
-    corners = np.array([*island.kerb.outline(3.0), *island.beyond])
-    result = np.zeros(len(points), dtype=bool)
-    for (x0, y0), (x1, y1) in itertools.pairwise([*corners, corners[0]]):
-        spans = (y0 > points[:, 1]) != (y1 > points[:, 1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result ^= spans & (points[:, 0] < (x1 - x0) * (points[:, 1] - y0) / (y1 - y0) + x0)
-    return result
+    """Which of the points [N, 2] lie on an island."""
+    return off_road.inside(points, np.array([*island.kerb.outline(3.0), *island.beyond]))
 
 
 @pytest.mark.parametrize("kind", STREETS)

@@ -313,6 +313,40 @@ def quiet_scene() -> Scene:
     return replace(scene, vehicles=(), signal=None, traffic=Traffic(parked_share=0.0))
 
 
+def test_a_table_is_scaled_turned_and_shifted_in_this_order(tmp_path: Path) -> None:
+    """Front bumpers in feet, driving east along y = 100 ft; to drive north along x = -7 m."""
+    rows = [(0.1 * k, "a", 3.0 * k, 100.0, 90.0) for k in range(31)]
+    path = sumo_csv(tmp_path / "f.csv", rows)
+    placed = read(path, scale=0.3048, turn_deg=90.0, shift_m=(100 * 0.3048 - 7.0, 50.0))
+    (centre,), (heading,) = placed.poses(1.5)
+    behind = BODIES["saloon"].length_m / 2  # metres, whatever the table's unit
+    assert centre == pytest.approx([-7.0, 50.0 + 45 * 0.3048 - behind])
+    assert heading == pytest.approx(math.pi / 2)
+    assert placed.speeds(1.5)[0] == pytest.approx(30 * 0.3048)
+    plain, same = read(path), read(path, scale=1.0, turn_deg=0.0, shift_m=(0.0, 0.0))
+    for time_s in np.linspace(0, 3, 31):
+        np.testing.assert_array_equal(plain.poses(float(time_s))[0], same.poses(float(time_s))[0])
+    utm = sumo_csv(tmp_path / "u.csv", [(t, n, x + 5e5, y + 5e6, a) for t, n, x, y, a in rows])
+    assert np.abs(read(utm, shift_m=(-5e5, -5e6)).poses(1.0)[0] - plain.poses(1.0)[0]).max() < 1e-6
+
+
+def test_the_way_off_the_road_is_told(quiet_scene: Scene, tmp_path: Path) -> None:
+    """Along the road, over the lawn, and half of each; people on the pavement do not count."""
+
+    def note(y: float, **keys: object) -> str:
+        lines = [f"a,{t},{9 * t - 25},{y},suv\np,{t},{9 + t},9,pedestrian" for t in range(6)]
+        (tmp_path / "m.csv").write_text("id,time_s,x_m,y_m,kind\n" + "\n".join(lines) + "\n")
+        table = TrackTable(file="m.csv", format="metres", **keys)  # type: ignore[arg-type]
+        return make_fleet(replace(quiet_scene, tracks=table), 5.0, tmp_path).notes[-1]
+
+    assert note(-1.6) == "tracks: 0.0% of the vehicles' way lies off the road."
+    share = float(note(-20.0).split("tracks: ")[1].split("%")[0])
+    assert 60 < share < 85  # it crosses the other street
+    assert "turn_deg and shift_m place the table" in note(-20.0)
+    assert note(-20.0, shift_m=(0.0, 18.4)) == note(-1.6)
+    assert note(900.0).startswith("tracks: 100.0%")
+
+
 def test_a_table_drives_a_scene(quiet_scene: Scene, tmp_path: Path) -> None:
     sumo_csv(tmp_path / "f.csv", [(0.1 * k, "a", 0.8 * k - 20, -1.6, 90.0) for k in range(60)])
     plan = make_plan(replace(quiet_scene, tracks=TrackTable(file="f.csv", format="sumo")), tmp_path)
