@@ -54,6 +54,11 @@ class Body:
         """[N, 2]: its points in frame v."""
         return points.pixels[self.members[self.on[:, v]], v]
 
+    def stands_at(self, v: int) -> bool:
+        """Whether it moves neither to nor from frame v; a step that is not known counts as none."""
+        steps = np.nan_to_num(self.velocity[max(v - 1, 0) : v + 1])
+        return bool((np.linalg.norm(steps, axis=1) < STANDING_PX).all())
+
     @property
     def first(self) -> int:
         return int(np.flatnonzero(self.number)[0])
