@@ -41,7 +41,7 @@ def labels_of(bodies: list[Body], points: Points, differs: Mask, shade: Mask) ->
 
 
 def _near_points(bodies: list[Body], points: Points, v: int, differs: Mask) -> Labels:
-    """[H, W]: what differs beside the points of a body; of one that stands, the points themselves."""
+    """[H, W]: what differs beside the points of a body."""
     height, width = differs.shape
     label = np.zeros((height, width), np.uint16)
     here = [g for g, body in enumerate(bodies) if body.number[v]]
@@ -49,13 +49,12 @@ def _near_points(bodies: list[Body], points: Points, v: int, differs: Mask) -> L
         return label
     at = [bodies[g].pixels(points, v) for g in here]
     every, owner = np.concatenate(at), np.repeat(here, [len(a) for a in at])
-    stands = np.array([bodies[g].stands_at(v) for g in here])[np.searchsorted(here, owner)]
     near = np.zeros((height, width), np.uint8)
     column, row = np.floor(every).astype(int).T
     near[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] = 1
     rows, columns = np.nonzero(cv2.dilate(near, np.ones((7, 7), np.uint8)))
     distance, nearest = cKDTree(every).query(np.stack([columns, rows], axis=1) + 0.5)
-    mine = ((distance < LABEL_PX) & differs[rows, columns]) | ((distance < POINT_PX) & stands[nearest])
+    mine = (distance < LABEL_PX) & differs[rows, columns]
     label[rows[mine], columns[mine]] = owner[nearest[mine]] + 1
     return label
 
