@@ -27,6 +27,7 @@ from aa4d.motion.clusters import clusters
 from aa4d.motion.flow import measure
 from aa4d.motion.ground import Ground, find_ground
 from aa4d.motion.labels import apart_from_larger, labels_of, may_move, renumbered
+from aa4d.motion.looks import joined
 from aa4d.motion.observations import Observations
 from aa4d.motion.points import Points, follow, moving_pixels
 from aa4d.motion.residual import differing, residuals, shaded
@@ -41,8 +42,12 @@ BESIDE_PX = 6  # of what differs: what moves there may belong to it
 FEWEST_FRAMES = 2  # in which a mover is seen
 
 
-def find_tracks(observed: Observations) -> Tracks:
-    """Tracks of what moves; none where the frames show nothing that does."""
+def find_tracks(observed: Observations, earlier: Tracks | None = None) -> Tracks:
+    """Tracks of what moves; none where the frames show nothing that does.
+
+    Args:
+        earlier: of a first look at the same frames, on a static scene that had seen the movers.
+    """
     ground = find_ground(observed.static_depth_m, observed.viewmat, observed.K) if len(observed) > 1 else None
     if ground is None:
         return no_tracks(observed)
@@ -53,10 +58,12 @@ def find_tracks(observed: Observations) -> Tracks:
     moves = moving_pixels(observed, flow, ground, widened(differs, BESIDE_PX))
     points = follow(observed, flow, ground, differs | moves, differs)
     bodies = find_bodies(points, observed.rank)
-    labels = labels_of(bodies, points, differs, shaded(observed))
+    shade = shaded(observed)
+    labels = labels_of(bodies, points, differs, shade)
     alone = apart_from_larger(labels)
     keep = [g for g in alone if (labels == g + 1).any(axis=(1, 2)).sum() >= FEWEST_FRAMES]
-    return assembled(observed, ground, [bodies[g] for g in keep], renumbered(labels, keep), differs, moves)
+    found = assembled(observed, ground, [bodies[g] for g in keep], renumbered(labels, keep), differs, moves)
+    return found if earlier is None else joined(earlier, found, differs & ~shade)
 
 
 def widened(masks: Mask, pixels: int) -> Mask:
@@ -92,8 +99,8 @@ def find_bodies(points: Points, ranks: NDArray[np.int64]) -> list[Body]:
                 candidates.append(body)
     # Fragments are judged after they were joined; what stands by itself does not lead a chain astray.
     parts = [b for b in candidates if b.misfit > 0.6 * MISFIT_PX and b.differing > 0.5 * DIFFERING]
-    joined = merged(linked(parts, points, ranks), points, gaps)
-    return without_rims([b for b in (pruned(b, points, gaps) for b in joined) if is_mover(b, points, gaps)], points)
+    wholes = merged(linked(parts, points, ranks), points, gaps)
+    return without_rims([b for b in (pruned(b, points, gaps) for b in wholes) if is_mover(b, points, gaps)], points)
 
 
 def assembled(

@@ -25,26 +25,33 @@ from aa4d.motion.truth import truth_tracks
 FloatArray = NDArray[np.float32]
 
 # Where tracks come from, by the name that `--tracks` takes. Truth is not among them: it is known beforehand.
-Finder = Callable[[Capture, Observations], Tracks]
+Finder = Callable[[Capture, Observations, Tracks | None], Tracks]
 FINDERS: dict[str, Finder] = {
-    "auto": lambda capture, observed: FINDERS["boxes" if _follows_several(capture) else "pictures"](capture, observed),
-    "pictures": lambda _capture, observed: find_tracks(observed),
-    "boxes": lambda capture, observed: box_tracks(observed, _followed_boxes(capture)),
+    "auto": lambda capture, *seen: FINDERS["boxes" if _follows_several(capture) else "pictures"](capture, *seen),
+    "pictures": lambda _capture, observed, earlier: find_tracks(observed, earlier),
+    "boxes": lambda capture, observed, _earlier: box_tracks(observed, _followed_boxes(capture)),
 }
 
 
-def find(source: str, capture: Capture, static_color: FloatArray, static_depth_m: FloatArray) -> Tracks:
+def find(
+    source: str,
+    capture: Capture,
+    static_color: FloatArray,
+    static_depth_m: FloatArray,
+    earlier: Tracks | None = None,
+) -> Tracks:
     """Tracks of the movers that the training frames show.
 
     Args:
         source: one of `FINDERS`.
         static_color, static_depth_m: [V, H, W, 3] in [0, 1] and [V, H, W] in world units, zero where nothing is: what
             the static stage shows in place of each training frame.
+        earlier: of the first look, where this is the second.
 
     Raises:
         InputError: boxes are asked for, and the capture has none that follow movers.
     """
-    return FINDERS[source](capture, observations(capture, static_color, static_depth_m))
+    return FINDERS[source](capture, observations(capture, static_color, static_depth_m), earlier)
 
 
 def check_source(source: str, capture: Capture) -> None:

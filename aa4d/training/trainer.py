@@ -247,7 +247,7 @@ class Run:
         if motion is not None and motion.needs_static:
             check_finite(state.optimiser, "a parameter")
             started = time.perf_counter()
-            self.tracks = find(motion.tracks, self.capture, *self.static_views(state.model))
+            self.tracks = find(motion.tracks, self.capture, *self.static_views(state.model), self.tracks)
             seconds = time.perf_counter() - started
             state.seconds += seconds
             say(f"tracks of movers after the {state.stage} stage: {len(self.tracks)}, in {seconds:.0f} s")
