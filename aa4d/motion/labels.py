@@ -31,11 +31,12 @@ def labels_of(bodies: list[Body], points: Points, differs: Mask, shade: Mask) ->
     labels = np.stack([_near_points(bodies, points, v, differs[v]) for v in range(len(differs))])
     dark = _shadows(labels, shade)
     labels[dark] = 0
-    free = differs & ~shade
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     for v, label in enumerate(labels):
+        # The outermost pixels differ because the residual is blurred.
+        free = (cv2.erode(differs[v].astype(np.uint8), cross) > 0) & ~shade[v]
         for _ in range(GROWTH_PX):
-            label = np.where((label == 0) & free[v], cv2.dilate(label, cross), label)
+            label = np.where((label == 0) & free, cv2.dilate(label, cross), label)
         labels[v] = label
     return labels
 

@@ -17,8 +17,8 @@ from aa4d.motion.standing import misfit
 
 SPACING_PX = 2
 MOVING_PX = 0.7  # a frame, against the static scene: that a pixel moves
-JUMP_PX = 2.0  # a frame: by which a point's velocity changes within a frame where flow slips off a mover
-STILL = 0.3  # of the mover's speed: what it slips onto is slower
+JUMP_PX = 2.0  # a frame, by which a point's velocity changes, over two steps each way, where flow slips off a mover
+STILL = 0.15  # of the mover's speed: what it slips onto is slower
 REST = 1  # frames on the static scene that say nothing
 STEPS_WITHOUT_REASON = 2  # a point that neither differs nor ever moved is given up
 
