@@ -26,7 +26,7 @@ from aa4d.motion.bodies import (
 from aa4d.motion.clusters import clusters
 from aa4d.motion.flow import measure
 from aa4d.motion.ground import Ground, find_ground
-from aa4d.motion.labels import apart_from_larger, labels_of, may_move, renumbered
+from aa4d.motion.labels import apart_from_larger, footprints, labels_of, may_move, renumbered
 from aa4d.motion.looks import joined
 from aa4d.motion.observations import Observations
 from aa4d.motion.points import Points, follow, moving_pixels
@@ -62,7 +62,9 @@ def find_tracks(observed: Observations, earlier: Tracks | None = None) -> Tracks
     labels = labels_of(bodies, points, differs, shade)
     alone = apart_from_larger(labels)
     keep = [g for g in alone if (labels == g + 1).any(axis=(1, 2)).sum() >= FEWEST_FRAMES]
-    found = assembled(observed, ground, [bodies[g] for g in keep], renumbered(labels, keep), differs, moves)
+    kept, labels = [bodies[g] for g in keep], renumbered(labels, keep)
+    moving = may_move((labels > 0) | footprints(kept, points, labels.shape), differs, moves)
+    found = assembled(observed, ground, kept, labels, moving)
     return found if earlier is None else joined(earlier, found, differs & ~shade)
 
 
@@ -104,9 +106,9 @@ def find_bodies(points: Points, ranks: NDArray[np.int64]) -> list[Body]:
 
 
 def assembled(
-    observed: Observations, ground: Ground, bodies: list[Body], labels: NDArray[np.uint16], differs: Mask, moves: Mask
+    observed: Observations, ground: Ground, bodies: list[Body], labels: NDArray[np.uint16], moving: Mask
 ) -> Tracks:
-    """Fit every body on the ground, and say what may show a mover."""
+    """Every body, fitted on the ground."""
     controls = controls_for(observed.frames, observed.fps, SEGMENT_S)
     control = np.zeros((len(bodies), controls, 4))
     shown = np.zeros((len(bodies), 4))
@@ -119,5 +121,5 @@ def assembled(
         shown,
         ground.up,
         labels,
-        may_move(labels > 0, differs, moves),
+        moving,
     )

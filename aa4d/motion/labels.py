@@ -11,7 +11,6 @@ from aa4d.motion.bodies import BESIDE, LARGER, Body
 from aa4d.motion.points import Points
 
 LABEL_PX = 2.5  # from a followed point to a pixel that differs: both show the same mover
-POINT_PX = 1.2  # what a point of a mover that stands is for by itself: the static scene may show the mover there
 GROWTH_PX = 4  # from a label over what differs and is no shadow
 AROUND_PX = 2  # what `moving` adds around a label
 SHADOW_PX = 6  # how far from a label what differs may be its shadow
@@ -58,6 +57,21 @@ def _near_points(bodies: list[Body], points: Points, v: int, differs: Mask) -> L
     mine = (distance < LABEL_PX) & differs[rows, columns]
     label[rows[mine], columns[mine]] = owner[nearest[mine]] + 1
     return label
+
+
+def footprints(bodies: list[Body], points: Points, shape: tuple[int, ...]) -> Mask:
+    """Of `shape` [V, H, W]: pixels on and beside the points of bodies, whether they differ or not.
+
+    A mover that stands for long is in the static scene: it differs from nothing there.
+    """
+    result = np.zeros(shape, bool)
+    for v in range(shape[0]):
+        on = np.zeros(shape[1:], np.uint8)
+        for body in bodies:
+            column, row = np.floor(body.pixels(points, v)).astype(int).T
+            on[np.clip(row, 0, shape[1] - 1), np.clip(column, 0, shape[2] - 1)] = 1
+        result[v] = cv2.dilate(on, np.ones((3, 3), np.uint8)) > 0
+    return result
 
 
 def _shadows(labels: Labels, shade: Mask) -> Mask:
