@@ -30,6 +30,7 @@ BESIDE_PX = 6.0  # in the picture: a smaller body there is the rim of the larger
 BESIDE = 0.5  # of the way of the smaller one
 LARGER, AMONG = 3.0, 0.5  # times as many points, of what has rims, and of what another may lie among
 TOUCHING_PX = 4.0  # between two parts of one mover, in the picture
+BORDER = 0.2  # of the points of the smaller one lie at their common border: a stray one is no bridge
 PARTING_PX = 3.5  # between those, over all their common frames
 PARTING = 0.04  # and more, of the way: flow slips, and bodies turn
 
@@ -232,7 +233,8 @@ def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
     for v in common[:: max(len(common) // 6, 1)]:
         pa, pb = a.pixels(points, v), b.pixels(points, v)
         if len(pa) and len(pb):
-            distances.append(float(cKDTree(pa).query(pb)[0].min()))
+            small, large = sorted((pa, pb), key=len)
+            distances.append(float(np.percentile(cKDTree(large).query(small)[0], 100 * BORDER)))
     return bool(distances) and float(np.median(distances)) < TOUCHING_PX
 
 

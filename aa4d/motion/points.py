@@ -17,6 +17,8 @@ from aa4d.motion.standing import misfit
 
 SPACING_PX = 2
 MOVING_PX = 0.7  # a frame, against the static scene: that a pixel moves
+JUMP_PX = 2.0  # a frame, by which a point's velocity changes, over two steps each way, where flow slips off a mover
+STILL = 0.15  # of the mover's speed: what it slips onto is slower
 REST = 1  # frames on the static scene that say nothing
 STEPS_WITHOUT_REASON = 2  # a point that neither differs nor ever moved is given up
 
@@ -171,4 +173,52 @@ def _placed(observed: Observations, ground: Ground, pixels: Floats, differs: Mas
         places[here, v] = (points - ground.origin) @ ground.axes.T / observed.pixel
         column, row = np.floor(at).astype(int).T
         on[here, v] = differs[v][row, column]
+    slipped = ~longest_run(np.isfinite(places[..., 0]) & ~slips(places, np.diff(observed.rank)))
+    pixels[slipped] = places[slipped] = np.nan
+    on &= ~slipped
     return Points(pixels, places, on, misfit(observed, ground, pixels))
+
+
+def slips(places: Floats, gaps: NDArray[np.int64]) -> Mask:
+    """[N, V]: when points [N, V, 2] are not on what moved: their velocity jumps as no vehicle's does.
+
+    The slower side of a jump is the road that a mover passed, or what hides it.
+    """
+    before, after = _mean_velocities(places, gaps, -1), _mean_velocities(places, gaps, +1)
+    speed_before, speed_after = np.linalg.norm(before, axis=2), np.linalg.norm(after, axis=2)
+    slower, faster = np.minimum(speed_before, speed_after), np.maximum(speed_before, speed_after)
+    jump = (np.nan_to_num(np.linalg.norm(after - before, axis=2)) > JUMP_PX) & (slower < STILL * faster)
+    slower_after = jump & (speed_after < speed_before)
+    slower_before = jump & ~slower_after
+    result = np.zeros(places.shape[:2], bool)
+    for v in range(1, places.shape[1] - 1):
+        # A jump at frame v ends what came before it, or begins what goes on.
+        result[:, v + 1] = (result[:, v] & ~slower_before[:, v - 1]) | slower_after[:, v - 1]
+    back = np.zeros_like(result)
+    for v in range(places.shape[1] - 2, 0, -1):
+        back[:, v - 1] = (back[:, v] & ~slower_after[:, v - 1]) | slower_before[:, v - 1]
+    return result | back
+
+
+def _mean_velocities(places: Floats, gaps: NDArray[np.int64], side: int) -> Floats:
+    """[N, V - 2, 2]: a clip frame, over up to two steps before (-1) or after (1) every frame but the first and last."""
+    steps = np.diff(places, axis=1)
+    near, far = (steps[:, :-1], steps[:, :-2]) if side < 0 else (steps[:, 1:], steps[:, 2:])
+    time, more = (gaps[:-1], gaps[:-2]) if side < 0 else (gaps[1:], gaps[2:])
+    missing = np.full((len(places), 1, 2), np.nan, np.float32)
+    far = np.concatenate([missing, far] if side < 0 else [far, missing], axis=1)
+    more = np.concatenate([[0], more] if side < 0 else [more, [0]])
+    two = np.isfinite(far[..., :1])
+    return np.asarray(
+        np.where(two, near + far, near) / np.where(two, (time + more)[:, None], time[:, None]), np.float32
+    )
+
+
+def longest_run(alive: Mask) -> Mask:
+    """[N, V]: the longest stretch of frames of each row: what a point shows after a gap may be another mover."""
+    length = np.zeros(alive.shape, int)
+    for v in range(alive.shape[1]):
+        length[:, v] = np.where(alive[:, v], (length[:, v - 1] if v else 0) + 1, 0)
+    end = length.argmax(axis=1)
+    frames = np.arange(alive.shape[1])
+    return alive & (frames <= end[:, None]) & (frames > (end - length.max(axis=1))[:, None])

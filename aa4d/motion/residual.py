@@ -10,6 +10,8 @@ from aa4d.motion.observations import Observations
 
 BLUR_PX = 0.8
 HIGH, LOW = 0.08, 0.05  # of [0, 1]: a region needs a pixel above the first and spreads above the second
+SHADE = (0.3, 0.9)  # of the static scene's color: a shadow on it
+SHADE_OFF = 0.03  # of [0, 1], that a shadow's color may be off from that
 USUAL = 0.0125  # the residual at which thresholds begin to rise
 
 Floats = NDArray[np.float32]
@@ -32,6 +34,18 @@ def differing(residual: Floats) -> Mask:
         raised = max(float(np.median(frame)) / USUAL, 1.0)
         masks[v] = hysteresis(frame, LOW * raised, HIGH * raised)
     return masks
+
+
+def shaded(observed: Observations) -> Mask:
+    """[V, H, W]: pixels that show the static scene, only darker."""
+    result = np.zeros(observed.images.shape[:3], bool)
+    for v, (image, static) in enumerate(zip(observed.images, observed.static_color, strict=True)):
+        here = cv2.GaussianBlur(image.astype(np.float32) / 255, (0, 0), BLUR_PX)
+        static = cv2.GaussianBlur(static, (0, 0), BLUR_PX)
+        share = (here * static).sum(2) / np.maximum((static * static).sum(2), 1e-6)
+        off = np.abs(here - share[..., None] * static).max(axis=2)
+        result[v] = (share > SHADE[0]) & (share < SHADE[1]) & (off < SHADE_OFF)
+    return result
 
 
 def hysteresis(values: Floats, low: float, high: float) -> Mask:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from aa4d.motion.tracks import Tracks
 
 
-def find_best(capture: Capture, observed: Observations) -> Tracks:
+def find_best(capture: Capture, observed: Observations, earlier: Tracks | None) -> Tracks:
     """By annotated boxes where they follow several movers (a file with one target follows one of many)."""
     import numpy as np
 
@@ -22,28 +22,28 @@ def find_best(capture: Capture, observed: Observations) -> Tracks:
 
     boxes = boxes_of(capture)
     follows_several = boxes is not None and len(np.unique(boxes.target[boxes.target >= 0])) > 1
-    return (find_by_boxes if follows_several else find_in_pictures)(capture, observed)
+    return (find_by_boxes if follows_several else find_in_pictures)(capture, observed, earlier)
 
 
-def find_in_pictures(_capture: Capture, observed: Observations) -> Tracks:
+def find_in_pictures(_capture: Capture, observed: Observations, earlier: Tracks | None) -> Tracks:
     from aa4d.motion.finder import find_tracks
 
-    return find_tracks(observed)
+    return find_tracks(observed, earlier)
 
 
-def find_by_boxes(capture: Capture, observed: Observations) -> Tracks:
+def find_by_boxes(capture: Capture, observed: Observations, _earlier: Tracks | None) -> Tracks:
     from aa4d.motion.boxes import box_tracks
 
     return box_tracks(observed, followed_boxes(capture))
 
 
-def take_truth(capture: Capture, _observed: Observations) -> Tracks:
+def take_truth(capture: Capture, _observed: Observations, _earlier: Tracks | None) -> Tracks:
     from aa4d.motion.truth import truth_tracks
 
     return truth_tracks(capture, capture.of_split("train"))
 
 
-SOURCES: dict[str, Callable[[Capture, Observations], Tracks]] = {
+SOURCES: dict[str, Callable[[Capture, Observations, Tracks | None], Tracks]] = {
     "auto": find_best,
     "pictures": find_in_pictures,
     "boxes": find_by_boxes,

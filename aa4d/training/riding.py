@@ -22,18 +22,25 @@ from aa4d.motion.truth import truth_tracks
 FloatArray = NDArray[np.float32]
 
 
-def find(source: str, capture: Capture, static_color: FloatArray, static_depth_m: FloatArray) -> Tracks:
+def find(
+    source: str,
+    capture: Capture,
+    static_color: FloatArray,
+    static_depth_m: FloatArray,
+    earlier: Tracks | None = None,
+) -> Tracks:
     """Tracks of the movers that the training frames show.
 
     Args:
         source: one of `SOURCES`.
         static_color, static_depth_m: [V, H, W, 3] in [0, 1] and [V, H, W] in world units, zero where nothing is: what
             the static stage shows in place of each training frame.
+        earlier: of the first look, where this is the second.
 
     Raises:
         InputError: boxes are asked for, and the capture has none that follow movers.
     """
-    return SOURCES[source](capture, observations(capture, static_color, static_depth_m))
+    return SOURCES[source](capture, observations(capture, static_color, static_depth_m), earlier)
 
 
 def check_source(source: str, capture: Capture) -> None:

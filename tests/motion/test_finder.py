@@ -61,7 +61,7 @@ STRAIGHT = Box(line(-12, 2, 1.0))
 def test_a_car_on_a_straight_way():
     stage = Stage((STRAIGHT,))
     tracks, truth = check(stage)
-    assert wander(tracks, 0, stage, 1) < 0.5
+    assert wander(tracks, 0, stage, 1) < 0.4
     at = tracks.poses(np.array([0.5]))[0, 0]
     assert abs(at[3]) < 0.1
     assert abs(at[2]) < 0.3
@@ -70,10 +70,9 @@ def test_a_car_on_a_straight_way():
     assert (truth[tracks.labels > 0] > 0).mean() > 0.8
 
 
-@pytest.mark.xfail(reason="0.75 of the car's pixels are labelled", strict=True)
 def test_most_pixels_of_a_car_are_labelled():
     tracks, truth = check(Stage((STRAIGHT,)))
-    assert (tracks.labels[truth > 0] > 0).mean() > 0.8
+    assert (tracks.labels[truth > 0] > 0).mean() > 0.85
 
 
 @pytest.mark.slow
@@ -110,7 +109,7 @@ def turning(frame: float) -> tuple[float, float, float]:
     return x, y + rate * max(frame - 18, 0), angle
 
 
-@pytest.mark.xfail(reason="the finder adds a false track on the road beside it", strict=False)
+@pytest.mark.xfail(reason="rims of a box that turns become tracks of their own", strict=False)
 def test_a_turn_by_90_degrees():
     stage = Stage((Box(turning),))
     tracks, _ = check(stage)
@@ -143,7 +142,7 @@ def test_a_hovering_drone():
 def test_ground_that_is_not_level_zero(level: float, slope: float):
     stage = Stage((STRAIGHT,), level=level, slope=slope)
     tracks, _ = check(stage)
-    assert wander(tracks, 0, stage, 1) < 0.8
+    assert wander(tracks, 0, stage, 1) < 0.45
     for t in (0.3, 0.7):
         x, _, z, _ = tracks.poses(np.array([t]))[0, 0]
         assert abs(z - level - slope * x) < 0.3
@@ -156,8 +155,6 @@ def test_poses_that_are_wrong_by_half_a_degree():
     assert owners(tracks, truth).count(0) <= 1
 
 
-@pytest.mark.slow
-@pytest.mark.xfail(reason="the finder does not manage this yet", strict=False)
 def test_every_second_frame_is_missing():
     check(Stage((STRAIGHT, Box(line(10, -3, 0.7, np.pi))), every=2, frames=25))
 
