@@ -76,7 +76,6 @@ def test_most_pixels_of_a_car_are_labelled():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="the finder does not manage this yet", strict=False)
 def test_two_that_cross():
     check(Stage((Box(line(-12, 3, 1.0)), Box(line(3, -9, 0.8, np.pi / 2)))))
 
