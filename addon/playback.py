@@ -291,7 +291,8 @@ def live_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     for obj in scene.objects:
         if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
             found |= dict.fromkeys(obj.instance_collection.all_objects)
-    return [obj for obj in found if parts.is_imported(obj) and obj.aa4d.playback == "LIVE" and obj.mode != "EDIT"]
+    live = [obj for obj in found if parts.is_imported(obj) and obj.aa4d.playback == "LIVE"]
+    return [obj for obj in live if not obj.data.is_editmode]  # the mode of the object is not that of its duplicates
 
 
 @bpy.app.handlers.persistent
@@ -332,6 +333,7 @@ def _show_all(live: list[bpy.types.Object], scene: bpy.types.Scene, depsgraph: b
                 if obj != users[0]:
                     _separate(obj, users[0], scene, depsgraph)
                     if obj.data == users[0].data:
+                        problems.pop(obj.session_uid, None)
                         continue
                 link = (obj.aa4d.filepath, obj.aa4d.last_place, obj.aa4d.content)
                 if link not in found:  # once for all objects of an import: it asks for the file
@@ -375,7 +377,7 @@ def _follow_baked(mesh: bpy.types.Mesh) -> None:
     if not placement.has_keys(mesh):
         return
     users = [obj for obj in bpy.data.objects if obj.data == mesh]
-    if users and all(obj.aa4d.playback == "BAKED" and obj.mode == "OBJECT" for obj in users):
+    if users and not mesh.is_editmode and all(obj.aa4d.playback == "BAKED" for obj in users):
         placement.follow_baked(mesh)
 
 

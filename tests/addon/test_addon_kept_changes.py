@@ -90,6 +90,22 @@ def test_look_of_a_duplicate_gets_what_it_needs(bpy: Any, extension: str, model_
     assert attribute(duplicate.data, "aa_speed").max() > 0.1
 
 
+@pytest.mark.parametrize("baked", [False, True])
+def test_duplicate_rests_while_the_original_is_edited(bpy: Any, model_path: Path, baked: bool, capfd: Any) -> None:
+    obj = imported(bpy, model_path, bake=baked)
+    expected = in_world(bpy, obj, 4)
+    duplicate = linked_duplicate(bpy, obj)
+    bpy.context.view_layer.objects.active = obj
+    go_to(bpy, 1)
+    bpy.ops.object.mode_set(mode="EDIT")
+    capfd.readouterr()
+    go_to(bpy, 3)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for one in (obj, duplicate):
+        np.testing.assert_allclose(in_world(bpy, one, 4), expected, atol=1e-4)
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
 def test_duplicated_vehicle_is_baked_with_the_others(bpy: Any, tmp_path: Path) -> None:
     obj = imported(bpy, write_model(tmp_path / "model.safetensors", *make_model(60, FRAMES, groups=3)))
     car = bpy.data.objects["car 1"]
