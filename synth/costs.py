@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from synth.errors import InputError
 from synth.files import write_json
 
 
@@ -56,11 +57,15 @@ class Costs:
 
     @contextmanager
     def saved(self) -> Iterator[None]:
-        """Save what was measured inside, also when it is interrupted."""
+        """Save what was measured inside, also when it is interrupted; what is refused writes nothing."""
         try:
             yield
-        finally:
+        except InputError:
+            raise
+        except BaseException:
             self.save()
+            raise
+        self.save()
 
     def save(self) -> None:
         if self.path is not None:

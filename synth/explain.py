@@ -16,14 +16,11 @@ def explain(plan: Plan) -> str:
     poses = np.stack([plan.flight.camera_to_world(frame.time_s) for frame in plan.frames])
     flown = float(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum())
     moving = np.stack([plan.cast.moving(frame.time_s) for frame in plan.frames])
+    land = ["  ground   with land to the horizon, because a frame looks beyond the scene's own"]
     lines = [
         f"{scene.name}: {len(plan.frames)} frames of {camera.width_px}x{camera.height_px} at {scene.time.fps:g} fps",
         f"  flight   {scene.flight.kind}, {flown:.1f} m from z {poses[0, 2, 3]:.1f} m to {poses[-1, 2, 3]:.1f} m",
-        *(
-            ["  ground   with land to the horizon: a frame looks beyond the scene's own"]
-            if plan.city.land.faces
-            else []
-        ),
+        *(land if plan.city.land.faces else []),
         f"  traffic  {moving.shape[1]} instances, {int(moving.any(axis=0).sum())} of them move",
         *(f"           {note}" for note in plan.fleet.notes),
         f"  render   {scene.render.samples} samples, {'denoised' if scene.render.denoise else 'not denoised'}",

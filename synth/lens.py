@@ -9,10 +9,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Of a point that a lens projects: its distance from the axis over its depth. Beyond, a millionth of the depth (which is
-# how well depth is known) shifts the place in the picture by pixels, and at the camera's plane by millions of them.
-STEEPEST = 10.0
-
 
 class Lens(Protocol):
     """A camera without its pose. Its pictures are made from a pinhole's that is wider by `margin_px` on each side."""
@@ -26,7 +22,7 @@ class Lens(Protocol):
     def margin_px(self) -> tuple[int, int]: ...
 
     def project(self, local: Array) -> Array:
-        """Pixel coordinates [..., 2] of points [..., 3] in camera axes; NaN behind the lens and far outside it."""
+        """Pixel coordinates [..., 2] of points [..., 3] in camera axes; NaN where none is in front of the lens."""
 
     def rays(self, uv: Array) -> Array:
         """Points [..., 3] at depth 1 that are seen at pixel coordinates [..., 2]."""
@@ -43,11 +39,8 @@ class Pinhole:
     margin_px: tuple[int, int] = (0, 0)
 
     def project(self, local: Array) -> Array:
-        corner = float(np.linalg.norm(self.K[:2, 2] / np.diag(self.K)[:2]))  # of the picture, at depth 1
         depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)
-        xy = local[..., :2] / depth[..., None]
-        xy = np.where((xy**2).sum(axis=-1, keepdims=True) > max(STEEPEST, 2 * corner) ** 2, np.nan, xy)
-        return xy * np.diag(self.K)[:2] + self.K[:2, 2]
+        return local[..., :2] / depth[..., None] * np.diag(self.K)[:2] + self.K[:2, 2]
 
     def rays(self, uv: Array) -> Array:
         xy = (uv - self.K[:2, 2]) / np.diag(self.K)[:2]

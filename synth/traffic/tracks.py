@@ -189,6 +189,8 @@ def _read(table: TrackTable, folder: Path, path: Path, where: str) -> tuple[dict
     reading = path
     try:
         if table.format == "metres":
+            if table.types is not None:
+                raise InputError(f'{where}.types: is for format = "sumo"; here the column kind says what each is.')
             return _metres(path), ()
         classes = {}
         if table.types is not None:

@@ -13,6 +13,11 @@ from synth.truth.view import View
 
 Array = NDArray[np.float64]
 
+NEAREST_M = 0.1  # of what the camera shows: Blender's own near plane
+# Of where a point lands: its distance from the axis over its depth. Beyond, a millionth of the depth (which is how well
+# depth is known) shifts the place in the picture by pixels, and at the camera's plane by millions of them.
+STEEPEST = 10.0
+
 
 def flow(
     here: View, there: View, depth_z: NDArray[np.float32], instance_id: NDArray[np.uint32]
@@ -20,7 +25,7 @@ def flow(
     """Displacement [H, W, 2] in pixels of what each pixel shows, from `here` to `there`, and where it is known [H, W].
 
     It is unknown (NaN) for an instance that is not in the scene at both instants and for what comes to lie behind the
-    camera or far outside the lens. What is infinitely far away moves with the rotation alone.
+    camera, at its plane or far outside the lens. What is infinitely far away moves with the rotation alone.
     """
     uv, _ = landing(here, there, depth_z, instance_id)
     width, height = here.size
@@ -44,8 +49,19 @@ def landing(
         carried = motion[member[on]]
         points[on] = np.einsum("pij,pj->pi", carried[:, :3, :3], points[on]) + carried[:, :3, 3]
     points[(member < 0) & (instance_id > 0)] = np.nan  # an id that nobody has
-    uv, depth = there.project(points)
+    local = there.local(points)
     sky = np.isinf(depth_z)
-    turned = here.rays()[sky] @ here.viewmat[:3, :3] @ there.viewmat[:3, :3].T
-    uv[sky], depth[sky] = there.lens.project(turned), np.where(turned[:, 2] > 0, np.inf, np.nan)
+    local[sky] = here.rays()[sky] @ here.viewmat[:3, :3] @ there.viewmat[:3, :3].T
+    uv, depth = there.lens.project(local), local[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        aside = np.hypot(local[..., 0], local[..., 1]) / depth
+        lost = (aside > _steepest(there)) | (~sky & (depth < NEAREST_M)) | (sky & (depth <= 0))
+    uv[lost] = np.nan
+    depth[sky] = np.where(depth[sky] > 0, np.inf, np.nan)
     return uv, depth
+
+
+def _steepest(view: View) -> float:
+    """Up to which distance from the axis, over the depth, a place in the picture is known."""
+    corner = np.linalg.norm(view.lens.K[:2, 2] / np.diag(view.lens.K)[:2])
+    return max(STEEPEST, 2 * float(corner))

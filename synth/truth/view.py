@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from synth.lens import Lens, pixel_rays
 
 Array = NDArray[np.float64]
-NEAREST_M = 0.1  # of what the camera shows: Blender's own near plane
 
 
 @dataclass(frozen=True)
@@ -40,9 +39,10 @@ class View:
         return np.where(self.instance_id[at] == ids, at, -1)
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Pixel coordinates [..., 2] and planar depth [...] of world points [..., 3]; the pixels are NaN behind the
-        camera, nearer to its plane than it shows anything, and far outside the lens."""
-        local = points @ self.viewmat[:3, :3].T + self.viewmat[:3, 3]
-        uv = self.lens.project(local)
-        uv[local[..., 2] < NEAREST_M] = np.nan
-        return uv, local[..., 2]
+        """Pixel coordinates [..., 2] (NaN behind the camera) and planar depth [...] of world points [..., 3]."""
+        local = self.local(points)
+        return self.lens.project(local), local[..., 2]
+
+    def local(self, points: Array) -> Array:
+        """World points [..., 3] in camera axes."""
+        return points @ self.viewmat[:3, :3].T + self.viewmat[:3, 3]

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from synth.costs import Costs
+from synth.errors import InputError
 from synth.workers import film_in_workers
 
 
@@ -31,6 +32,18 @@ def test_seconds_of_an_interrupted_stage_are_kept(tmp_path: Path) -> None:
         time.sleep(0.02)
     assert again.stages["picture"] >= costs.stages["picture"] + 0.02
     assert again.frames["000000"]["picture"] < 0.05  # of the frame: what made it in the end
+
+
+def test_what_is_refused_writes_no_costs(tmp_path: Path) -> None:
+    """The folder is then still free for another plan."""
+
+    def refused() -> None:
+        with Costs(tmp_path / "cost.json").saved():
+            raise InputError("no such thing")
+
+    with pytest.raises(InputError):
+        refused()
+    assert list(tmp_path.iterdir()) == []
 
 
 WORKER = """

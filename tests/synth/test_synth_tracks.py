@@ -275,6 +275,12 @@ def test_vehicle_classes_decide_and_what_is_unknown_is_said_once(tmp_path: Path)
         read(tmp_path / "f.xml", types="absent.xml")
 
 
+def test_types_are_refused_for_measured_tracks(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("id,time_s,x_m,y_m\na,0,0,0\na,1,9,0\n")
+    with pytest.raises(InputError, match=r"tracks\.types: .* column kind"):
+        read(tmp_path / "m.csv", "metres", types="types.xml")
+
+
 def test_people_of_a_csv_table_are_read(tmp_path: Path) -> None:
     head = "timestep_time;person_angle;person_id;person_x;person_y;vehicle_angle;vehicle_id;vehicle_type;vehicle_x;"
     lines = [f"{t};0;p;0;{t};;;;;\n{t};;;;;90;v;bus;{9 * t};9" for t in range(5)]

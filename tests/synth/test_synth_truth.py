@@ -160,16 +160,13 @@ def test_what_comes_to_the_cameras_plane_has_no_flow(lens: Lens, before_m: float
     assert ((label == UNKNOWN) == ~valid).all()
 
 
-def test_corners_at_the_cameras_plane_have_no_pixels() -> None:
-    """A car beside the camera: corners a hair before its plane are not a million pixels away."""
-    camera = viewmat(pitch=0.0, z=1.0)
-    world = corners(at((2.0003 + 2.25, 1.0)), np.array([[4.5, 1.8, 1.5]]))
-    uv, box = projected(view(viewmat(x=2.0, pitch=0.0, z=1.0), at((0, 0))), world)
-    assert np.isnan(uv[0, [0, 3, 4, 7]]).all()
-    assert np.isfinite(uv[0, [1, 2, 5, 6]]).all()
-    assert np.isnan(box).all()
-    far, _ = projected(view(camera, at((0, 0))), world)
-    assert np.isfinite(far).all()
+def test_sky_that_turns_to_the_cameras_plane_has_no_flow() -> None:
+    """A quarter turn brings the sky of the picture's middle to the plane: exact, but a million pixels away."""
+    here, there = viewmat(pitch=0.3), viewmat(pitch=0.3, yaw=np.pi / 2 - 1e-7)
+    sky = np.full(SIZE[::-1], np.inf, np.float32)
+    moved, valid = flow(view(here), view(there), sky, NOBODY)
+    assert not valid[24, 31:33].any()
+    assert np.abs(moved[valid]).max() < 12 * LENS.K[0, 0]
 
 
 def test_occlusion_by_a_car_that_drives_over() -> None:
