@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from aa4d.motion.points import Points
+from aa4d.motion.points import MOVING_PX, Points
 
 REMNANT = 0.15  # of a body's usual number of points: fewer are no sighting
+SHOWN = 0.1  # of its points in a frame, on what the static scene does not show
 STRAY_PX = 3.0  # of a point from its body
 FEWEST_POINTS = 4  # at once, of a body that is judged at all
 WAY_PX = 4.0  # the least that a mover travels over the ground
@@ -22,6 +23,7 @@ STRAIGHT = 0.5  # of its path that gets it anywhere: what sways does not
 BRIEF_FRAMES = 4  # seen for fewer frames than this, a mover must show more
 BRIEF_POINTS = 10
 BRIEF_STEP_PX = 1.2  # a frame
+BRIEF_MISFIT = 0.6  # of the usual one: over few frames a mover misses what stands by less
 LONGEST_GAP = 8  # clip frames over which a body is looked for again, unless it stands
 STANDING_PX = 0.25  # a frame
 OFF_PX = (5.0, 1.0)  # that a prediction may miss by: at once, and more for each frame
@@ -33,6 +35,8 @@ TOUCHING_PX = 4.0  # between two parts of one mover, in the picture
 BORDER = 0.2  # of the points of the smaller one lie at their common border: a stray one is no bridge
 PARTING_PX = 3.5  # between those, over all their common frames
 PARTING = 0.04  # and more, of the way: flow slips, and bodies turn
+
+QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # of row vectors, to the left
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -88,9 +92,15 @@ def joined_of(bodies: list[Body], points: Points, gaps: Ints) -> Body:
 
 
 def trimmed(body: Body, points: Points, gaps: Ints) -> Body:
-    """Without the frames at either end in which hardly a point is left: those few lie on something else."""
+    """Without the frames at either end in which hardly a point is left, or it stands and the static scene shows it all.
+
+    What is there lies on something else.
+    """
     usual = float(np.percentile(body.number[body.number > 0], 75))
-    enough = np.flatnonzero(body.number >= max(2.0, REMNANT * usual))
+    differs = (points.differs[body.members] & body.on).sum(0) >= SHOWN * np.maximum(body.number, 1)
+    speed = np.linalg.norm(np.nan_to_num(body.velocity), axis=1)
+    moves = np.concatenate([speed[:1], np.maximum(speed[:-1], speed[1:]), speed[-1:]]) > MOVING_PX
+    enough = np.flatnonzero((body.number >= max(2.0, REMNANT * usual)) & (differs | moves))
     if not len(enough):
         return body
     on = body.on.copy()
@@ -126,16 +136,18 @@ def is_mover(body: Body, points: Points, gaps: Ints) -> bool:
     if body.number.max() < FEWEST_POINTS:
         return False
     net, path = way(body, gaps)
-    frames = int((body.number > 0).sum())
+    frames, misfit = int((body.number > 0).sum()), MISFIT_PX
     if frames < BRIEF_FRAMES:
+        misfit *= BRIEF_MISFIT
         speeds = np.linalg.norm(body.velocity[np.isfinite(body.velocity[:, 0])], axis=1)
         if not len(speeds) or speeds.min() < BRIEF_STEP_PX or body.number.max() < BRIEF_POINTS:
             return False
+        net += WAY_PX - BRIEF_STEP_PX * len(speeds)  # it has had no time for more
     if _differing_under_way(body, points) < DIFFERING:
         return False
     return (
         net >= WAY_PX + HIDDEN_PX * (1 - body.differing)
-        and body.misfit >= MISFIT_PX
+        and body.misfit >= misfit
         and body.differing >= DIFFERING
         and net >= STRAIGHT * path
     )
@@ -219,6 +231,18 @@ def merged(bodies: list[Body], points: Points, gaps: Ints) -> list[Body]:
     return done
 
 
+def _turning(body: Body, gaps: Ints) -> Array:
+    """[V - 1] radians by which its direction of motion turns over each step; 0 while it hardly moves."""
+    velocity = np.nan_to_num(body.velocity)
+    smooth = np.stack([np.convolve(velocity[:, c], np.ones(3) / 3, mode="same") for c in (0, 1)], 1)
+    angle, moves = np.arctan2(smooth[:, 1], smooth[:, 0]), np.linalg.norm(smooth, axis=1) > 2 * STANDING_PX
+    rate = np.zeros(len(velocity))
+    both = moves[2:] & moves[:-2]
+    change = (angle[2:] - angle[:-2] + np.pi) % (2 * np.pi) - np.pi
+    rate[1:-1] = np.where(both, change / (gaps[2:] / 2 + gaps[1:-1] + gaps[:-2] / 2) * gaps[1:-1], 0)
+    return rate
+
+
 def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
     common = np.flatnonzero((a.number > 0) & (b.number > 0))
     if len(common) < 2 or len(common) < 0.5 * min((a.number > 0).sum(), (b.number > 0).sum()):
@@ -226,8 +250,11 @@ def _keep_together(a: Body, b: Body, points: Points, gaps: Ints) -> bool:
     if np.nanmin(np.linalg.norm(a.place[common] - b.place[common], axis=1)) > 60:
         return False
     both = np.isfinite(a.velocity[:, 0]) & np.isfinite(b.velocity[:, 0])
-    apart = np.cumsum(((a.velocity - b.velocity) * gaps[:, None])[both], axis=0)
-    if len(apart) and float(np.linalg.norm(np.ptp(apart, axis=0))) > PARTING_PX + PARTING * way(b, gaps)[0]:
+    allowed = PARTING_PX + PARTING * way(b, gaps)[0]
+    steps = (a.velocity - b.velocity) * gaps[:, None]
+    turned = steps - _turning(b, gaps)[:, None] * (a.place - b.place)[:-1] @ QUARTER_TURN
+    parting = (np.linalg.norm(np.ptp(np.cumsum(s[both], axis=0), axis=0)) for s in (steps, np.nan_to_num(turned)))
+    if both.any() and float(min(parting)) > allowed:
         return False
     distances = []
     for v in common[:: max(len(common) // 6, 1)]:

@@ -108,7 +108,6 @@ def turning(frame: float) -> tuple[float, float, float]:
     return x, y + rate * max(frame - 18, 0), angle
 
 
-@pytest.mark.xfail(reason="rims of a box that turns become tracks of their own", strict=False)
 def test_a_turn_by_90_degrees():
     stage = Stage((Box(turning),))
     tracks, _ = check(stage)
@@ -117,8 +116,6 @@ def test_a_turn_by_90_degrees():
     assert wander(tracks, 0, stage, 1) < 0.8
 
 
-@pytest.mark.slow
-@pytest.mark.xfail(reason="the finder does not manage this yet", strict=False)
 def test_one_seen_in_two_frames_only():
     tracks, _ = check(Stage((Box(line(-8, 2, 0.9, 0, 9, 10)),)))
     shown = tracks.shown[0] * 23
