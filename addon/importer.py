@@ -29,7 +29,7 @@ from .container import Floats, ModelFileError
 from .field import Indices
 from .model import Model
 from .scene import SAME_RATE, extend_timeline, is_timed, set_timeline, set_up_scene, stretch
-from .source import Source, point_count
+from .source import TRACK, Source, point_count
 
 
 @dataclass(frozen=True)
@@ -71,12 +71,13 @@ def import_model(
     path = _chosen(path)
     loaded = playback.load(path)
     source, clip = loaded.source, loaded.source.clip
-    carrier = options.carrier if options.carrier in source.carriers else source.carriers[0]
+    carrier = options.carrier if options.carrier in source.known_carriers else source.known_carriers[0]
     look = options.look or (materials.POINTS if carrier == names.ANCHORS else materials.GAUSSIANS)
-    options = replace(options, carrier=carrier, look=look)
+    view = properties.CAPTURE if source.kind == TRACK else options.view  # its colours do not follow a camera
+    options = replace(options, carrier=carrier, look=look, view=view)
     count = point_count(source, carrier)
     if count > options.largest:
-        instead = "import the anchors, or allow more" if names.ANCHORS in source.carriers else "allow more"
+        instead = "import the anchors, or allow more" if names.ANCHORS in source.known_carriers else "allow more"
         raise ModelFileError(
             f"{clip.path.name} has {count:,} {carrier.lower()}, more than the {options.largest:,} allowed here; "
             f"{instead}."
@@ -284,7 +285,7 @@ def _shown_units(loaded: playback.Loaded, rank: int) -> Floats:
     """The units [N, 3] at a frame, world metres; NaN for those that are not in the scene then."""
     source = loaded.source
     there = source.there(source.clip.time_of_rank(rank))
-    return np.where(there[:, None], loaded.trail(source.carriers[0], rank), np.float32(np.nan))
+    return np.where(there[:, None], loaded.trail(source.known_carriers[0], rank), np.float32(np.nan))
 
 
 def _read_labels(path: Path) -> np.ndarray:

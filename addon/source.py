@@ -4,7 +4,7 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +40,7 @@ class Source(Protocol):
         """Anchors, the field that moves them, and trajectories of vehicles; a track has none of these."""
 
     @property
-    def carriers(self) -> tuple[str, ...]:
+    def known_carriers(self) -> tuple[str, ...]:
         """What points can stand for; the first has one point a unit."""
 
     @property
@@ -84,10 +84,11 @@ class Source(Protocol):
 class ModelSource:
     """The anchors of a model, or their local Gaussians."""
 
+    kind: ClassVar[str] = MODEL
+    known_carriers: ClassVar[tuple[str, ...]] = (names.ANCHORS, names.GAUSSIANS)
+    offers: ClassVar[Collection[names.Attribute]] = (*names.APPEARANCE, *names.SHAPE, *names.INSPECTION)
+
     field: Field
-    kind: str = MODEL
-    carriers: tuple[str, ...] = (names.ANCHORS, names.GAUSSIANS)
-    offers: Collection[names.Attribute] = (*names.APPEARANCE, *names.SHAPE, *names.INSPECTION)
 
     @property
     def model(self) -> Model:
@@ -148,11 +149,17 @@ class ModelSource:
 class TrackSource:
     """The Gaussians of a track, in the colours of its export, wherever they are seen from."""
 
+    kind: ClassVar[str] = TRACK
+    model: ClassVar[None] = None
+    known_carriers: ClassVar[tuple[str, ...]] = (names.GAUSSIANS,)
+    offers: ClassVar[Collection[names.Attribute]] = (
+        *names.APPEARANCE,
+        *names.SHAPE,
+        names.DISPLACEMENT,
+        names.SPEED,
+    )
+
     track: Track
-    kind: str = TRACK
-    model: None = None
-    carriers: tuple[str, ...] = (names.GAUSSIANS,)
-    offers: Collection[names.Attribute] = (*names.APPEARANCE, *names.SHAPE, names.DISPLACEMENT, names.SPEED)
 
     @property
     def clip(self) -> Clip:

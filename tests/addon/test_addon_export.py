@@ -6,19 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driving import attribute, clip_positions, drawn, go_to, imported, played, set_input, srgb
+from driving import attribute, clip_positions, drawn, go_to, imported, played, read_ply, set_input, srgb
 from model_files import make_model, write_model
 
 FRAMES = 5
 LOOK = "AdaAnchor4D"
-
-
-def read_ply(path: Path) -> dict[str, np.ndarray]:
-    header, data = path.read_bytes().split(b"end_header\n", 1)
-    names = [line.split()[2] for line in header.decode().splitlines() if line.startswith("property float")]
-    rows = np.frombuffer(data, "<f4").reshape(-1, len(names))
-    assert f"element vertex {len(rows)}" in header.decode()
-    return dict(zip(names, rows.T, strict=True))
 
 
 @pytest.mark.parametrize("baked", [False, True])

@@ -11,7 +11,7 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from driving import attribute, drawn, go_to, imported, played, set_input, srgb
+from driving import attribute, drawn, go_to, imported, played, read_ply, set_input, srgb
 from model_files import make_model, write_model
 from PIL import Image
 from track_files import APPEAR, COUNT, FADE, FRAMES, RIDE, WAY_M, Parts, half_turn, make_track, rest, write_track
@@ -66,6 +66,28 @@ def test_baked_track_equals_live_and_needs_no_file(bpy: Any, track_path: Path) -
     for frame in (1, 3, 4.5, 5):
         go_to(bpy, frame)
         assert_shows(played(bpy, obj), (frame - 1) / (FRAMES - 1))
+
+
+def test_colours_of_a_track_do_not_follow_a_camera(bpy: Any, extension: str, track_path: Path) -> None:
+    obj = imported(bpy, track_path, view="ACTIVE", set_up_scene=True)
+    playback = importlib.import_module(f"{extension}.playback")
+    before = obj.data["aa_stamp"], attribute(obj.data, "aa_color")
+    bpy.context.scene.camera.animation_data_clear()
+    bpy.context.scene.camera.location = (0, 0, 100)
+    bpy.context.view_layer.update()
+    assert obj.data["aa_stamp"] == before[0]
+    np.testing.assert_array_equal(attribute(obj.data, "aa_color"), before[1])
+    assert not playback.problems
+
+
+def test_a_track_that_is_saved_plays_on(bpy: Any, track_path: Path, tmp_path: Path) -> None:
+    imported(bpy, track_path)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    obj = bpy.data.objects["flight"]
+    go_to(bpy, 3.5)
+    assert_shows({name: attribute(obj.data, name) for name in played(bpy, obj)}, 2.5 / (FRAMES - 1))
+    assert bpy.ops.aa4d.set_up_compositing(mode="PLATE") == {"FINISHED"}
 
 
 def test_looks_and_ghosts_of_a_track(bpy: Any, extension: str, track_path: Path) -> None:
@@ -163,11 +185,10 @@ def test_camera_footage_and_activity_of_a_track_are_the_captures(bpy: Any, tmp_p
 
 
 def test_a_track_is_exported_as_it_is_shown(bpy: Any, track_path: Path, tmp_path: Path) -> None:
-    plyfile = pytest.importorskip("plyfile")
     imported(bpy, track_path)
     go_to(bpy, 2)
     assert bpy.ops.aa4d.export_ply(filepath=str(tmp_path / "out.ply")) == {"FINISHED"}
-    vertex = plyfile.PlyData.read(str(tmp_path / "out.ply"))["vertex"].data
+    vertex = read_ply(tmp_path / "out.ply")
     values = expected_at(0.25)
     there = values["opacity"][:, 0] > 0
     places = np.stack([vertex[axis] for axis in "xyz"], axis=1)
