@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from .clip import Clip
 from .container import Floats, ModelFileError
-from .model import Model
 
 LABELS = ("static", "intermittent", "persistent", "appearance-only", "unseen")
 UNKNOWN = -1
@@ -18,31 +18,32 @@ BEHIND_M = 1.0  # an anchor farther behind what the frame shows is hidden there
 Labels = npt.NDArray[np.int32]
 
 
-def label_anchors(
-    model: Model,
+def label_units(
+    clip: Clip,
+    count: int,
     folder: Path,
     positions_at: Callable[[int], Floats],
     read_labels: Callable[[Path], npt.NDArray[np.uint8]],
 ) -> Labels:
-    """The label [N] that most frames show at each anchor, -1 where none shows it.
+    """The label [count] that most frames show at each unit (an anchor, a Gaussian of a track), -1 where none shows it.
 
-    `positions_at(rank)` gives the anchors [N, 3] in world metres, NaN for those that are not there then,
-    `read_labels(path)` the picture [H, W], first row at the top. Where the frame's depth is known, hidden anchors are
+    `positions_at(rank)` gives the units [count, 3] in world metres, NaN for those that are not there then,
+    `read_labels(path)` the picture [H, W], first row at the top. Where the frame's depth is known, hidden units are
     left out.
 
     Raises:
         ModelFileError: the capture holds no activity labels.
     """
-    votes = np.zeros((model.anchor_count, len(LABELS)), np.int32)
-    names = [Path(image).stem for image in model.images]
+    votes = np.zeros((count, len(LABELS)), np.int32)
+    names = [Path(image).stem for image in clip.images]
     known = [rank for rank, name in enumerate(names) if (folder / "truth" / "activity" / f"{name}.png").is_file()]
     if not known:
         raise ModelFileError(f"{folder} holds no activity labels; they are an optional truth of the capture.")
     for rank in {known[round(place)] for place in np.linspace(0, len(known) - 1, min(FRAMES_READ, len(known)))}:
         labels = read_labels(folder / "truth" / "activity" / f"{names[rank]}.png")
-        view = positions_at(rank) @ model.viewmats[rank, :3, :3].T + model.viewmats[rank, :3, 3]
+        view = positions_at(rank) @ clip.viewmats[rank, :3, :3].T + clip.viewmats[rank, :3, 3]
         depth = view[:, 2]
-        pixels = (view / np.maximum(depth, 1e-6)[:, None]) @ model.camera.K.T
+        pixels = (view / np.maximum(depth, 1e-6)[:, None]) @ clip.camera.K.T
         height, width = labels.shape
         inside = (depth > 0) & (pixels[:, :2] >= 0).all(axis=1) & (pixels[:, 0] < width) & (pixels[:, 1] < height)
         column, row = (np.where(inside, pixels[:, axis], 0).astype(np.intp) for axis in (0, 1))

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from . import affine, carriers, groups, names, parts, placement, playback, points, time_nodes
+from . import affine, names, parts, placement, playback, points, time_nodes
 from . import modifiers as inputs
 from .clip_time import ClipTime
 from .container import ModelFileError
-from .model import Doubles
+from .header import Doubles
 from .properties import ACTIVE
 
 WITH_KEYS = tuple(key.prefix for key in names.KEYS)
@@ -41,29 +41,29 @@ def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) ->
     objects = parts.parts(obj)
     for part in objects:
         playback.check_fits(part, loaded)
-    carrier, model = obj.aa4d.carrier, loaded.field.model
-    if options.first > model.frame_count:
-        raise ModelFileError(f"The clip has {model.frame_count} frames; the range to bake begins after its end.")
-    ranks = _ranks(options, model.frame_count)
+    carrier, source, clip = obj.aa4d.carrier, loaded.source, loaded.source.clip
+    if options.first > clip.frame_count:
+        raise ModelFileError(f"The clip has {clip.frame_count} frames; the range to bake begins after its end.")
+    ranks = _ranks(options, clip.frame_count)
     always = {*names.APPEARANCE, *(names.INSPECTION if options.inspection else ())}
     parts.make_own(objects)
     work = []
     for mesh in dict.fromkeys(part.data for part in objects):
         users = [part for part in objects if part.data == mesh]
         rows = playback.rows_of(mesh)
-        placement.follow_live(users[0], loaded.field, rows)
-        attributes = always.union(*(playback.wanted_of(user) for user in users))
+        placement.follow_live(users[0], source, rows)
+        attributes = always.union(*(playback.wanted_of(user) for user in users)).intersection(source.offers)
         work.append(_Work(mesh, rows, attributes, [time_modifier(user) for user in users], placement.map_of(mesh)))
     attributes = set().union(*(part.attributes for part in work))
     lead = objects[0]
-    time, frame = playback.clip_time_of(lead, model.frame_count), scene.frame_current_final
+    time, frame = playback.clip_time_of(lead, clip.frame_count), scene.frame_current_final
     try:
         for number, rank in enumerate(ranks):
-            t = model.time_of_rank(rank)
+            t = clip.time_of_rank(rank)
             if lead.aa4d.view == ACTIVE:  # the camera must be where it is then
                 _go_to(scene, time, rank)
             center = playback.camera_center(lead, loaded, t, scene, None)
-            values = carriers.evaluate(loaded.field, carrier, t, center, attributes)
+            values = source.evaluate(carrier, t, center, attributes)
             values[names.COLOR][:, 3] = values[names.OPACITY]
             for part in work:
                 own = {attribute: values[attribute][part.rows] for attribute in part.attributes}
@@ -87,13 +87,13 @@ def bake(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) ->
         for modifier in part.modifiers:
             modifier.node_group = time_nodes.baked_group(part.attributes)
             for name, value in (
-                (time_nodes.CLIP_FRAMES, model.frame_count),
+                (time_nodes.CLIP_FRAMES, clip.frame_count),
                 (time_nodes.KEY_FIRST, float(ranks[0])),
                 (time_nodes.KEY_STEP, float(ranks[1] - ranks[0]) if len(ranks) > 1 else 1.0),
                 (time_nodes.KEY_COUNT, len(ranks)),
             ):
                 inputs.put(modifier, name, value)
-        placement.show_first_key(part.mesh, model.time_of_rank(ranks[0]))
+        placement.show_first_key(part.mesh, clip.time_of_rank(ranks[0]))
     for part_object in objects:
         part_object.aa4d.playback = "BAKED"
 
@@ -115,11 +115,9 @@ def largest_error_m(obj: bpy.types.Object, options: BakeOptions) -> float:
     Raises:
         ModelFileError: as `playback.loaded_of`.
     """
-    model = playback.loaded_of(obj).field.model
-    if model.groups is None or model.static:
-        return 0.0
-    times = [model.time_of_rank(rank) for rank in _ranks(options, model.frame_count)]
-    return model.scale * groups.chord_error(model.groups, model.tensors["anchors.position"], times)
+    source = playback.loaded_of(obj).source
+    clip = source.clip
+    return source.chord_error_m([clip.time_of_rank(rank) for rank in _ranks(options, clip.frame_count)])
 
 
 def free(obj: bpy.types.Object) -> None:

@@ -151,7 +151,7 @@ def measure(module: str, model_path: Path, carrier: str, folder: Path) -> dict[s
     import_s = time.perf_counter() - start
     scene, obj = bpy.context.scene, bpy.context.active_object
     loaded = playback.loaded_of(obj)
-    prepared, center = loaded.field, loaded.field.model.camera_center_at(0.5)
+    prepared, center = loaded.source.field, loaded.source.clip.camera_center_at(0.5)
     whole = carrier == "GAUSSIANS"
     wanted = playback.wanted_of(obj)
     state = field.anchor_state(prepared, 0.3, offsets=whole)

@@ -11,44 +11,42 @@ import numpy as np
 from mathutils import Matrix
 
 from . import names
-from .model import Doubles, Model
+from .clip import Clip
+from .header import Doubles
 
 LONGEST_NUMBER = 9  # digits of a frame's name that Blender can count in
 SENSOR_MM = 36.0  # any width serves: the lens follows from it
 OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0])  # Blender's camera looks along -z with y up
 
 
-def create_camera(model: Model, name: str, stretch: float) -> bpy.types.Object:
+def create_camera(clip: Clip, reach: Doubles, name: str, stretch: float) -> bpy.types.Object:
     """A camera with a key a frame of the clip, `stretch` frames of the timeline apart: location and quaternion, linear
-    between them."""
+    between them. It sees as far as the scene, which reaches `reach` [3] metres from the origin along each axis."""
     data = bpy.data.cameras.new(name)
-    camera, K = model.camera, model.camera.K
+    camera, K = clip.camera, clip.camera.K
     data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR_MM
     data.lens = K[0, 0] * SENSOR_MM / camera.width
     # Shifts are in units of the image's width as it is seen, which pixel_aspect makes equal on both axes.
     data.shift_x = (camera.width / 2 - K[0, 2]) / camera.width
     data.shift_y = (K[1, 2] - camera.height / 2) / camera.width * K[0, 0] / K[1, 1]
-    positions = model.tensors["anchors.position"]
-    if model.groups is not None:  # a rider's place counts from its group's
-        positions = np.concatenate([positions, model.groups.control[..., :3].reshape(-1, 3)])
-    reach = np.abs(model.scale * positions + model.translation).max(axis=0) + np.abs(model.camera_centers).max(axis=0)
-    data.clip_end = max(1000.0, 2.0 * float(np.linalg.norm(reach)))
+    farthest = reach + np.abs(clip.camera_centers).max(axis=0)
+    data.clip_end = max(1000.0, 2.0 * float(np.linalg.norm(farthest)))
     obj = bpy.data.objects.new(name, data)
     obj.rotation_mode = "QUATERNION"
-    rotations = model.viewmats[:, :3, :3].transpose(0, 2, 1) @ OPENCV_TO_BLENDER
+    rotations = clip.viewmats[:, :3, :3].transpose(0, 2, 1) @ OPENCV_TO_BLENDER
     quaternions = np.array([Matrix(rotation.tolist()).to_quaternion() for rotation in rotations])
-    animate(obj, "location", model.camera_centers, stretch)
+    animate(obj, "location", clip.camera_centers, stretch)
     animate(obj, "rotation_quaternion", in_one_hemisphere(quaternions), stretch)
     return obj
 
 
-def show_frames(camera: bpy.types.Object, model: Model, stretch: float) -> bool:
+def show_frames(camera: bpy.types.Object, clip: Clip, stretch: float) -> bool:
     """Set the capture's frames behind the camera, in step with the timeline; whether they were found.
 
     The path stands in the model file, so what it leads to must be a capture, and the frames must lie inside it,
     numbered one after the other.
     """
-    first = _first_frame(model)
+    first = _first_frame(clip)
     if first is None:
         return False
     path, number = first
@@ -56,7 +54,7 @@ def show_frames(camera: bpy.types.Object, model: Model, stretch: float) -> bool:
         image = bpy.data.images.load(str(path))
     except (RuntimeError, ValueError):  # no picture, or a name that is not UTF-8
         return False
-    count = model.frame_count
+    count = clip.frame_count
     image.source = "SEQUENCE" if count > 1 else "FILE"
     background = camera.data.background_images.new()
     background.image, background.alpha, background.display_depth = image, 1.0, "BACK"
@@ -74,12 +72,12 @@ def show_frames(camera: bpy.types.Object, model: Model, stretch: float) -> bool:
     return True
 
 
-def _first_frame(model: Model) -> tuple[Path, int] | None:
+def _first_frame(clip: Clip) -> tuple[Path, int] | None:
     """The capture's first frame and its number, where all are numbered one after the other and it is there."""
-    folder = capture_folder(model)
-    if folder is None or not model.images:
+    folder = capture_folder(clip)
+    if folder is None or not clip.images:
         return None
-    numbered = [re.fullmatch(rf"(.*?)([0-9]{{1,{LONGEST_NUMBER}}})(\.\w+)", image) for image in model.images]
+    numbered = [re.fullmatch(rf"(.*?)([0-9]{{1,{LONGEST_NUMBER}}})(\.\w+)", image) for image in clip.images]
     first = numbered[0]
     if first is None or not all(
         match is not None and match[1] == first[1] and match[3] == first[3] and int(match[2]) == int(first[2]) + rank
@@ -87,19 +85,19 @@ def _first_frame(model: Model) -> tuple[Path, int] | None:
     ):
         return None
     try:
-        path = (folder / model.images[0]).resolve()
+        path = (folder / clip.images[0]).resolve()
         found = path.is_relative_to(folder) and path.is_file()
     except (OSError, ValueError):  # too long for a path, or with characters that none has
         return None
     return (path, int(first[2])) if found else None
 
 
-def capture_folder(model: Model) -> Path | None:
+def capture_folder(clip: Clip) -> Path | None:
     """The capture that the model was trained on, where it still lies beside it."""
-    if model.capture is None:
+    if clip.capture is None:
         return None
     try:
-        folder = (model.path.parent / model.capture).resolve()
+        folder = (clip.path.parent / clip.capture).resolve()
         index = json.loads((folder / "capture.json").read_bytes())
     except (OSError, ValueError, RecursionError):
         return None

@@ -3,11 +3,12 @@
 Two carriers: the anchors, one point each, and the local Gaussians, K points an anchor.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 
 from . import names
+from .clip import Clip
 from .container import Floats, ModelFileError
 from .field import (
     AnchorState,
@@ -27,11 +28,6 @@ from .model import Doubles
 # How many standard deviations of its Gaussians an anchor's point reaches: fewer leave gaps, more hide small neighbours.
 RADIUS_SIGMAS = 1.5
 SPEED_STEP = 0.5  # frames to either side: the mean speed over the frame
-
-
-def point_count(field: Field, carrier: str) -> int:
-    """How many points the carrier has."""
-    return field.model.anchor_count * points_per_anchor(field, carrier)
 
 
 def points_per_anchor(field: Field, carrier: str) -> int:
@@ -56,25 +52,35 @@ def evaluate(
         values = _anchors(field, state, camera_center, shape=shape)
     else:
         gaussians = local_gaussians(field, state, camera_center)
-        largest = np.partition(gaussians.scales, 1, axis=2)[..., 1:]
         values = {
             names.POSITION: gaussians.positions.reshape(-1, 3),
             names.COLOR: linear_rgba(gaussians.colors.reshape(-1, 3)),
             names.OPACITY: np.maximum(gaussians.opacities, 0).reshape(-1),
-            names.RADIUS: np.float32(RADIUS_SIGMAS) * np.sqrt(largest[..., 0] * largest[..., 1]).reshape(-1),
+            names.RADIUS: radius(gaussians.scales.reshape(-1, 3)),
             names.SCALE: gaussians.scales.reshape(-1, 3),
             names.ROTATION: gaussians.quaternions.reshape(-1, 4),
         }
     repeats = points_per_anchor(field, carrier)
-    _hide_absent(values, np.repeat(presence(field, state) > 0, repeats))
+    hide_absent(values, np.repeat(presence(field, state) > 0, repeats))
     for attribute, value in _inspect(field, t, state, wanted).items():
         values[attribute] = np.repeat(value, repeats)
+    check_finite(values, field.model, t)
+    return values
+
+
+def radius(scales: Floats) -> Floats:
+    """What a point is drawn with [n], from standard deviations [n, 3]: the reach of the two largest ones."""
+    largest = np.partition(scales, 1, axis=1)[:, 1:]
+    return np.float32(RADIUS_SIGMAS) * np.sqrt(largest[:, 0] * largest[:, 1])
+
+
+def check_finite(values: Mapping[names.Attribute, Floats], clip: Clip, t: float) -> None:
+    """Raises ModelFileError where the numbers of the file overflowed at t."""
     for attribute in (names.POSITION, names.COLOR, names.RADIUS):
         if not np.isfinite(values[attribute]).all():
             raise ModelFileError(
-                f"{field.model.path.name} gives values that are not finite at {t:.3f} of the clip; train it again."
+                f"{clip.path.name} gives values that are not finite at {t:.3f} of the clip; train it again."
             )
-    return values
 
 
 def positions(field: Field, carrier: str, t: float) -> Floats:
@@ -87,7 +93,7 @@ def positions(field: Field, carrier: str, t: float) -> Floats:
     return to_world(field.model, places.reshape(-1, 3))
 
 
-def _hide_absent(values: dict[names.Attribute, Floats], there: np.ndarray) -> None:
+def hide_absent(values: dict[names.Attribute, Floats], there: np.ndarray) -> None:
     """Take the size of what is not there: an opaque look that draws every opacity draws nothing of it either."""
     if not there.all():
         values[names.RADIUS] = values[names.RADIUS] * there
@@ -131,22 +137,23 @@ def _inspect(
         moved = centers(field, state) - field.canonical
         values[names.DISPLACEMENT] = np.float32(model.scale) * np.linalg.norm(moved, axis=1)
     if names.SPEED in wanted:
-        values[names.SPEED] = _speed(field, t)
+        speed = mean_speed(model, t, lambda at: anchor_positions(field, at))
+        values[names.SPEED] = np.float32(model.scale) * speed
     if not set(names.WEIGHTS).isdisjoint(wanted):
         values |= dict(zip(names.WEIGHTS, plane_weights(field, t).T, strict=True))
     return values
 
 
-def _speed(field: Field, t: float) -> Floats:
-    """The mean speed of each anchor over the frame around t, metres a second; zero in a clip of one frame."""
-    model = field.model
-    last = model.frame_count - 1
+def mean_speed(clip: Clip, t: float, positions_at: Callable[[float], Floats]) -> Floats:
+    """The mean speed [n] over the frame around t, a second, in the unit of the positions [n, 3]; zero in a clip of one
+    frame."""
+    last = clip.frame_count - 1
     if last == 0:
-        return np.zeros(model.anchor_count, np.float32)
+        return np.zeros(len(positions_at(t)), np.float32)
     before, after = max(t - SPEED_STEP / last, 0.0), min(t + SPEED_STEP / last, 1.0)
-    way = anchor_positions(field, after) - anchor_positions(field, before)
-    seconds = (after - before) * last / model.fps
-    return np.float32(model.scale / seconds) * np.linalg.norm(way, axis=1)
+    way = positions_at(after) - positions_at(before)
+    seconds = (after - before) * last / clip.fps
+    return np.float32(1 / seconds) * np.linalg.norm(way, axis=1)
 
 
 def linear_rgba(srgb: Floats) -> Floats:

@@ -46,12 +46,36 @@ class Header:
     entries: Mapping[str, Entry]
 
 
+def read_metadata(path: Path) -> Mapping[str, str]:
+    """The texts in the header, before anything is known of the tensors.
+
+    Raises:
+        ModelFileError: the file is missing, cut short in its header, or not a safetensors file.
+    """
+    return _read_json(path)[0]
+
+
 def read_header(path: Path, dtypes: Collection[str] = ("F32",)) -> Header:
     """Read the header; check that the tensors fill the rest of the file without gap or overlap.
 
     Raises:
         ModelFileError: the file is missing, cut short, or not a safetensors file of tensors of these types alone.
     """
+    metadata, tensors, data_start, size = _read_json(path)
+    spans = sorted(_span(path.name, name, value, size - data_start, dtypes) for name, value in tensors.items())
+    end = 0
+    for begin, stop, name, *_ in spans:
+        if begin != end:
+            problem = "overlaps the tensor before it" if begin < end else "leaves unnamed bytes before it"
+            raise ModelFileError(f"{path.name} is damaged: tensor {name} {problem}.")
+        end = stop
+    if end != size - data_start:
+        raise ModelFileError(f"{path.name} is damaged: {size - data_start - end} unnamed bytes follow the last tensor.")
+    return Header(metadata, {name: Entry(shape, data_start + begin, dtype) for begin, _, name, shape, dtype in spans})
+
+
+def _read_json(path: Path) -> tuple[dict[str, str], dict[str, Any], int, int]:
+    """The header's metadata and tensors, where the tensors begin, and the size of the file."""
     try:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
@@ -73,17 +97,7 @@ def read_header(path: Path, dtypes: Collection[str] = ("F32",)) -> Header:
     metadata = header.pop("__metadata__", {})
     if not isinstance(metadata, dict) or not all(isinstance(value, str) for value in metadata.values()):
         raise ModelFileError(f"{path.name} has a damaged header: __metadata__ must map names to strings.")
-    data_start = 8 + length
-    spans = sorted(_span(path.name, name, value, size - data_start, dtypes) for name, value in header.items())
-    end = 0
-    for begin, stop, name, *_ in spans:
-        if begin != end:
-            problem = "overlaps the tensor before it" if begin < end else "leaves unnamed bytes before it"
-            raise ModelFileError(f"{path.name} is damaged: tensor {name} {problem}.")
-        end = stop
-    if end != size - data_start:
-        raise ModelFileError(f"{path.name} is damaged: {size - data_start - end} unnamed bytes follow the last tensor.")
-    return Header(metadata, {name: Entry(shape, data_start + begin, dtype) for begin, _, name, shape, dtype in spans})
+    return metadata, header, 8 + length, size
 
 
 def _span(

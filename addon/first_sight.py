@@ -8,8 +8,9 @@ import numpy as np
 from mathutils import Matrix
 
 from . import camera, names, points
+from .clip import Clip
 from .container import Floats
-from .model import Doubles, Model
+from .header import Doubles
 
 COLORLESS = ("WIREFRAME", "SOLID")  # kinds of shading in which points have no colour of their own
 LEAST_OPACITY = 0.05
@@ -18,7 +19,7 @@ MARGIN = 1.05
 SENSOR_MM = 36.0  # of a 3D view: half its larger side at a distance of its lens
 
 
-def show(context: bpy.types.Context, objects: Sequence[bpy.types.Object], model: Model) -> None:
+def show(context: bpy.types.Context, objects: Sequence[bpy.types.Object], clip: Clip) -> None:
     """Let all 3D views of the window show the colours, those that look through no camera the objects, and its timelines
     the whole clip."""
     places = _places(objects)
@@ -30,7 +31,7 @@ def show(context: bpy.types.Context, objects: Sequence[bpy.types.Object], model:
                 with suppress(TypeError):  # Workbench, where the scene renders with it, knows no materials
                     space.shading.type = "MATERIAL"
             if len(places) and space.region_3d.view_perspective != "CAMERA":
-                _frame(space, places, _drone_axes(model), (max(1, window.width), max(1, window.height)))
+                _frame(space, places, _drone_axes(clip), (max(1, window.width), max(1, window.height)))
         elif area.type == "DOPESHEET_EDITOR" and window is not None and not bpy.app.background:
             with context.temp_override(area=area, region=window), suppress(RuntimeError):
                 bpy.ops.action.view_all()
@@ -45,9 +46,9 @@ def _places(objects: Sequence[bpy.types.Object]) -> Floats:
     return np.concatenate(visible)
 
 
-def _drone_axes(model: Model) -> Doubles:
+def _drone_axes(clip: Clip) -> Doubles:
     """The axes of the capture's camera in the middle of the clip, [3, 3], in columns: right, up, back."""
-    return model.viewmats[model.frame_count // 2, :3, :3].T @ camera.OPENCV_TO_BLENDER
+    return clip.viewmats[clip.frame_count // 2, :3, :3].T @ camera.OPENCV_TO_BLENDER
 
 
 def _frame(space: bpy.types.SpaceView3D, places: Floats, axes: Doubles, size: tuple[int, int]) -> None:

@@ -14,6 +14,7 @@ Doubles = npt.NDArray[np.float64]
 
 # docs/formats.md, "What readers refuse": the limits that aa4d holds as well.
 FARTHEST_M = 10_000.0  # a world has a local origin; beyond 10 km float32 loses millimetres
+FARTHEST_MODEL_M = 2 * FARTHEST_M  # learning moves what is shown on from points that a capture holds within FARTHEST_M
 MOST_PX = 16_384  # along a side
 LARGEST_K = 1e6  # pixels
 FASTEST_FPS = 1000.0

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -12,7 +12,6 @@ import numpy as np
 from . import (
     activity,
     bake,
-    carriers,
     look_nodes,
     materials,
     modifiers,
@@ -25,18 +24,20 @@ from . import (
     time_nodes,
 )
 from .camera import capture_folder, create_camera, show_frames
+from .clip import Clip
 from .container import Floats, ModelFileError
-from .field import Field, Indices
+from .field import Indices
 from .model import Model
 from .scene import SAME_RATE, extend_timeline, is_timed, set_timeline, set_up_scene, stretch
+from .source import TRACK, Source, point_count
 
 
 @dataclass(frozen=True)
 class ImportOptions:
     """What to make of a model file; see docs/addon.md."""
 
-    carrier: str = names.ANCHORS
-    look: str = materials.POINTS
+    carrier: str = names.ANCHORS  # a file that knows no such points shows those that it has
+    look: str | None = None  # what suits the carrier where None
     view: str = properties.CAPTURE
     import_camera: bool = True
     background_frames: bool = True
@@ -53,7 +54,7 @@ MOST_VEHICLES = 1000  # that become objects
 class Imported:
     """What an import made."""
 
-    model: Model
+    clip: Clip
     points: bpy.types.Object
     camera: bpy.types.Object | None
     stretch: float  # frames of the timeline for each of the clip
@@ -69,31 +70,39 @@ def import_model(
     """
     path = _chosen(path)
     loaded = playback.load(path)
-    model = loaded.field.model
-    count = carriers.point_count(loaded.field, options.carrier)
+    source, clip = loaded.source, loaded.source.clip
+    carrier = options.carrier if options.carrier in source.known_carriers else source.known_carriers[0]
+    look = options.look or (materials.POINTS if carrier == names.ANCHORS else materials.GAUSSIANS)
+    view = properties.CAPTURE if source.kind == TRACK else options.view  # its colours do not follow a camera
+    options = replace(options, carrier=carrier, look=look, view=view)
+    count = point_count(source, carrier)
     if count > options.largest:
+        instead = "import the anchors, or allow more" if names.ANCHORS in source.known_carriers else "allow more"
         raise ModelFileError(
-            f"{model.path.name} has {count:,} {options.carrier.lower()}, more than the {options.largest:,} allowed "
-            "here; import the anchors, or allow more."
+            f"{clip.path.name} has {count:,} {carrier.lower()}, more than the {options.largest:,} allowed here; "
+            f"{instead}."
         )
-    divided = parts.rows_of_parts(model) if options.vehicles and model.groups is not None else None
+    model = source.model
+    divided = None
+    if options.vehicles and model is not None and model.groups is not None:
+        divided = parts.rows_of_parts(model)
     if divided is not None and len(divided) > MOST_VEHICLES:
         raise ModelFileError(
-            f"{model.path.name} has {len(divided) - 1:,} vehicles, more than the {MOST_VEHICLES:,} that become "
+            f"{clip.path.name} has {len(divided) - 1:,} vehicles, more than the {MOST_VEHICLES:,} that become "
             "objects; import it without Vehicles as Objects."
         )
     fresh = options.set_timeline and not is_timed(scene)
-    place = _Place(loaded, path, 1.0 if fresh else stretch(scene, model), options)
+    place = _Place(loaded, path, 1.0 if fresh else stretch(scene, clip), options)
     with _all_or_nothing():
         obj, camera = _make(place, scene, collection, divided)
         if options.set_up_scene:
-            set_up_scene(scene, camera, model)
+            set_up_scene(scene, camera, clip)
         if options.set_timeline:
-            (set_timeline if fresh else extend_timeline)(scene, model)
+            (set_timeline if fresh else extend_timeline)(scene, clip)
             scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))
         for part in parts.parts(obj):
             playback.show(part, scene)
-    return Imported(model, obj, camera, place.stretch)
+    return Imported(clip, obj, camera, place.stretch)
 
 
 @dataclass(frozen=True)
@@ -126,42 +135,43 @@ def _make(
     divided: list[tuple[int, Indices]] | None,
 ) -> tuple[bpy.types.Object, bpy.types.Object | None]:
     """The lead, with its vehicles, and the camera, linked to the collection or to a new one within it."""
-    model, options = place.loaded.field.model, place.options
+    source, options = place.loaded.source, place.options
     name = os.path.basename(os.path.dirname(place.path)) or "AdaAnchor4D"
-    obj = _make_object(name, place, np.arange(model.anchor_count) if divided is None else divided[0][1])
+    obj = _make_object(name, place, np.arange(source.unit_count) if divided is None else divided[0][1])
     collection.objects.link(obj)
     playback.show(obj, scene)  # a model that cannot be evaluated fails here, before anything else is made
-    if divided is not None and len(divided) > 1:
+    if source.model is not None and divided is not None and len(divided) > 1:
         collection.objects.unlink(obj)
         outer = bpy.data.collections.new(name)
         collection.children.link(outer)
         collection = outer
         collection.objects.link(obj)
-        _make_vehicles(obj, place, divided[1:], collection)
-    camera = create_camera(model, f"{name} Camera", place.stretch) if options.import_camera else None
-    if camera is not None:
+        _make_vehicles(obj, place, source.model, divided[1:], collection)
+    camera = None
+    if options.import_camera:
+        camera = create_camera(source.clip, source.reach, f"{name} Camera", place.stretch)
         collection.objects.link(camera)
         if options.background_frames:
-            show_frames(camera, model, place.stretch)
+            show_frames(camera, source.clip, place.stretch)
     return obj, camera
 
 
 def _make_object(name: str, place: _Place, rows: Indices) -> bpy.types.Object:
-    """The points of some of the anchors, with the modifiers that play and draw them."""
+    """The points of some of the units, with the modifiers that play and draw them."""
     loaded, path, options = place.loaded, place.path, place.options
-    field = loaded.field
-    repeats = carriers.points_per_anchor(field, options.carrier)
+    source, clip = loaded.source, loaded.source.clip
+    repeats = source.points_each(options.carrier)
     ids = (rows[:, None] * repeats + np.arange(repeats)).ravel()
     mesh = points.create_mesh(name, ids)
-    _write_groups(mesh, field, ids // repeats)
+    _write_groups(mesh, source, ids // repeats)
     obj = bpy.data.objects.new(name, mesh)
     settings = obj.aa4d
     settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
     settings.last_place, settings.content = path, loaded.content
-    settings.carrier, settings.view, settings.fps = options.carrier, options.view, field.model.fps
-    settings.frozen_view = field.model.camera_center_at(0.5)
+    settings.kind, settings.carrier, settings.view, settings.fps = source.kind, options.carrier, options.view, clip.fps
+    settings.frozen_view = clip.camera_center_at(0.5)
     time = bake.time_modifier(obj)
-    modifiers.put(time, time_nodes.CLIP_FRAMES, field.model.frame_count)
+    modifiers.put(time, time_nodes.CLIP_FRAMES, clip.frame_count)
     modifiers.put(time, time_nodes.SPEED, 1 / place.stretch)
     look = obj.modifiers.new(names.LOOK_MODIFIER, "NODES")
     look.node_group = look_nodes.look_group()
@@ -169,11 +179,11 @@ def _make_object(name: str, place: _Place, rows: Indices) -> bpy.types.Object:
     return obj
 
 
-def _write_groups(mesh: bpy.types.Mesh, field: Field, anchors: Indices) -> None:
-    """Say of every vertex which vehicle its anchor rides on; nothing in a model without vehicles."""
-    groups = field.model.groups
-    if groups is not None:
-        points.write(mesh, names.GROUP.name, names.GROUP.type, groups.of_anchor[anchors])
+def _write_groups(mesh: bpy.types.Mesh, source: Source, units: Indices) -> None:
+    """Say of every vertex which vehicle its unit belongs to; nothing where no vehicles are known."""
+    group = source.group_of_unit
+    if group is not None:
+        points.write(mesh, names.GROUP.name, names.GROUP.type, group[units])
     elif names.GROUP.name in mesh.attributes:
         points.remove(mesh, (names.GROUP.name,))
 
@@ -181,11 +191,11 @@ def _write_groups(mesh: bpy.types.Mesh, field: Field, anchors: Indices) -> None:
 def _make_vehicles(
     first: bpy.types.Object,
     place: _Place,
+    model: Model,
     divided: list[tuple[int, Indices]],
     collection: bpy.types.Collection,
 ) -> None:
     """An object and a handle for each group, in two collections of their own, as children of the lead."""
-    model = place.loaded.field.model
     vehicles, handles = (bpy.data.collections.new(f"{first.name} {kind}") for kind in ("Vehicles", "Handles"))
     for group, rows in divided:
         name = parts.vehicle_name(model, group)
@@ -215,13 +225,13 @@ def relink(obj: bpy.types.Object, path: str, scene: bpy.types.Scene) -> None:
         settings = part.aa4d
         settings.filepath = playback.relative(path, os.path.dirname(bpy.data.filepath)) if bpy.data.filepath else path
         settings.last_place, settings.content = path, loaded.content
-        time, fps = bake.time_modifier(part), loaded.field.model.fps
-        modifiers.put(time, time_nodes.CLIP_FRAMES, loaded.field.model.frame_count)
+        time, fps = bake.time_modifier(part), loaded.source.clip.fps
+        modifiers.put(time, time_nodes.CLIP_FRAMES, loaded.source.clip.frame_count)
         if settings.fps > 0 and abs(fps / settings.fps - 1) > SAME_RATE:  # what plays by its seconds goes on doing so
             modifiers.put(time, time_nodes.SPEED, modifiers.get(time, time_nodes.SPEED) * fps / settings.fps)
         settings.fps = fps
-        repeats = carriers.points_per_anchor(loaded.field, settings.carrier)
-        _write_groups(part.data, loaded.field, points.ids(part.data) // repeats)
+        repeats = loaded.source.points_each(settings.carrier)
+        _write_groups(part.data, loaded.source, points.ids(part.data) // repeats)
         playback.problems.pop(part.session_uid, None)
     for part in together:
         if part.aa4d.playback == "LIVE":
@@ -245,7 +255,7 @@ def _chosen(path: str) -> str:
 
 
 def label_activity(obj: bpy.types.Object) -> dict[str, int]:
-    """Write the activity at each point's anchor, in all objects of the import; how many points have which.
+    """Write the activity at each point's unit, in all objects of the import; how many points have which.
 
     Raises:
         ModelFileError: the model or its capture is not found, or knows no activity.
@@ -253,14 +263,16 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     """
     loaded = playback.loaded_of(obj)
     playback.check_fits(obj, loaded)
-    model = loaded.field.model
-    folder = capture_folder(model)
+    source, clip = loaded.source, loaded.source.clip
+    folder = capture_folder(clip)
     if folder is None:
-        raise ModelFileError(f"The capture that {model.path.name} was trained on is not beside it.")
-    labels = activity.label_anchors(model, folder, lambda rank: _shown_anchors(loaded, rank), _read_labels)
+        raise ModelFileError(f"The capture that {clip.path.name} was trained on is not beside it.")
+    labels = activity.label_units(
+        clip, source.unit_count, folder, lambda rank: _shown_units(loaded, rank), _read_labels
+    )
     written = []
     for part in parts.parts(obj):
-        rows = points.ids(part.data) // carriers.points_per_anchor(loaded.field, part.aa4d.carrier)
+        rows = points.ids(part.data) // source.points_each(part.aa4d.carrier)
         points.write(part.data, names.ACTIVITY.name, names.ACTIVITY.type, labels[rows])
         part.data.update()
         written.append(labels[rows])
@@ -269,13 +281,11 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     return {known[label + 1]: int(count) for label, count in zip(*counts, strict=True)}
 
 
-def _shown_anchors(loaded: playback.Loaded, rank: int) -> Floats:
-    """The anchors [N, 3] at a frame, world metres; NaN for those of vehicles that it does not show."""
-    model, places = loaded.field.model, loaded.trail(names.ANCHORS, rank)
-    if model.groups is None or model.static:
-        return places
-    absent = model.groups.presence(model.time_of_rank(rank)) == 0
-    return np.where(np.append(absent, False)[model.groups.of_anchor][:, None], np.float32(np.nan), places)
+def _shown_units(loaded: playback.Loaded, rank: int) -> Floats:
+    """The units [N, 3] at a frame, world metres; NaN for those that are not in the scene then."""
+    source = loaded.source
+    there = source.there(source.clip.time_of_rank(rank))
+    return np.where(there[:, None], loaded.trail(source.known_carriers[0], rank), np.float32(np.nan))
 
 
 def _read_labels(path: Path) -> np.ndarray:

@@ -9,19 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from .clip import Clip, read_clip
 from .container import Entry, Floats, ModelFileError, read_header, read_tensors
 from .groups import FEWEST_CONTROLS, Groups
 from .header import (
-    FARTHEST_M,
-    FASTEST_FPS,
+    FARTHEST_MODEL_M,
     LONGEST_NAME,
-    Camera,
     Doubles,
     array,
     integer,
     number,
-    pinhole,
-    poses_and_images,
     require,
 )
 from .names import PLANES
@@ -40,7 +37,6 @@ AGGREGATIONS = (*WEIGHTED, "mean", "product")
 WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
 UNIT_TOLERANCE = 1e-3  # of the length of `groups.up`
 UNIFORM_TOLERANCE = 1e-6  # of boundaries without DACW
-FARTHEST_MODEL_M = 2 * FARTHEST_M  # learning moves anchors on from points that a capture holds within `FARTHEST_M`
 
 
 @dataclass(frozen=True)
@@ -59,20 +55,13 @@ class Config:
 
 
 @dataclass(frozen=True)
-class Model:
+class Model(Clip):
     """A model file in memory, checked."""
 
-    path: Path
     static: bool  # a coarse file: the canonical anchors hold at every time
     config: Config
     scale: float  # world = scale * model + translation
     translation: Doubles  # [3], metres
-    fps: float
-    camera: Camera
-    viewmats: Doubles  # [frames, 4, 4], world to camera, in presentation order
-    images: tuple[str, ...]  # of the frames, relative to the capture
-    capture: str | None  # the capture's folder, relative to the model file
-    background: tuple[float, float, float]  # sRGB
     tensors: Mapping[str, Floats]
     groups: Groups | None  # what anchors ride on; their positions are then in their group's frame
 
@@ -80,26 +69,6 @@ class Model:
     def anchor_count(self) -> int:
         """N, the number of anchors."""
         return len(self.tensors["anchors.position"])
-
-    @property
-    def frame_count(self) -> int:
-        """The number of frames of the clip."""
-        return len(self.viewmats)
-
-    @property
-    def camera_centers(self) -> Doubles:
-        """Centres [frames, 3] of the capture's cameras, world metres."""
-        return -np.einsum("nji,nj->ni", self.viewmats[:, :3, :3], self.viewmats[:, :3, 3])
-
-    def time_of_rank(self, rank: float) -> float:
-        """The t of a (fractional) frame rank, in [0, 1]: the first and last frame hold outside the clip."""
-        last = self.frame_count - 1
-        return min(max(rank / last, 0.0), 1.0) if last else 0.0
-
-    def camera_center_at(self, t: float) -> Doubles:
-        """The capture camera's centre [3] in world metres at time t, linear between frames."""
-        ranks = np.arange(self.frame_count)
-        return np.array([np.interp(t * ranks[-1], ranks, axis) for axis in self.camera_centers.T])
 
 
 def read_model(path: str | os.PathLike[str]) -> Model:
@@ -136,15 +105,8 @@ def read_model(path: str | os.PathLike[str]) -> Model:
         static = {"coarse": True, "fine": False}[information["stage"]]
         config = _config(information["config"])
         scale, translation = _similarity(information["model_to_world"])
-        fps = number(information["fps"], "fps")
-        require(0 < fps <= FASTEST_FPS, f"fps must lie in (0, {FASTEST_FPS:g}]")
-        camera = pinhole(information["camera"])
-        viewmats, images = poses_and_images(information["frames"])
-        background = array(information["background"], (3,), "background")
-        require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
+        clip = read_clip(path, information)
         require(number(information["training"]["seconds"], "training.seconds") >= 0, "training.seconds is negative")
-        capture = information["capture"]
-        require(capture is None or isinstance(capture, str), "capture must be a path or null")
         group_names = _group_names(information["groups"]) if version >= GROUPED else None
         require(group_names is not None or "anchors.group" not in header.entries, "version 1 knows no groups")
     except KeyError as error:
@@ -157,17 +119,11 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     groups = None if group_names is None else _groups(path.name, tensors, group_names)
     _check_values(path.name, tensors, groups, config, scale, translation)
     return Model(
-        path=path,
+        **vars(clip),
         static=static,
         config=config,
         scale=scale,
         translation=translation,
-        fps=fps,
-        camera=camera,
-        viewmats=viewmats,
-        images=images,
-        capture=capture,
-        background=(float(background[0]), float(background[1]), float(background[2])),
         tensors=tensors,
         groups=groups,
     )

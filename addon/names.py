@@ -21,7 +21,9 @@ OPACITY = Attribute("aa_opacity", "FLOAT")  # [0, 1]
 RADIUS = Attribute("aa_radius", "FLOAT")  # metres; what a point is drawn with
 SCALE = Attribute("aa_scale", "FLOAT_VECTOR")  # standard deviations in metres along the Gaussian's axes
 ROTATION = Attribute("aa_rotation", "QUATERNION")  # w x y z
-ID = Attribute("aa_id", "INT")  # the anchor's row in the model file; anchor * K + k for a local Gaussian
+ID = Attribute(
+    "aa_id", "INT"
+)  # row in the file, of an anchor or of a track's Gaussian; anchor * K + k for a local Gaussian
 DISPLACEMENT = Attribute("aa_displacement", "FLOAT")  # metres from the canonical place
 SPEED = Attribute("aa_speed", "FLOAT")  # metres a second of the anchor
 GROUP = Attribute("aa_group", "INT")  # the vehicle that the anchor rides on, its number from 0; -1 for the world

@@ -8,6 +8,7 @@ from bpy.app.translations import pgettext_iface as translated
 from . import look_nodes, modifiers, names, operators, parts, playback, time_nodes
 from .operators.inspection import statistics
 from .parts import is_imported
+from .source import MODEL, TRACK
 
 TIME_INPUTS = (
     time_nodes.START,
@@ -21,6 +22,8 @@ TIME_INPUTS = (
 # letter in the mean.
 DEFAULT_WIDTH, MARGINS, LETTER = 220, 46, 6.2
 
+COLORS_STAY = "A track file: Gaussians in the colours of their export, the same from everywhere."
+NO_PLANES = "A track file has no planes; their weights show as 0."
 ANCHORS_ALONE = "This is how anchors move. The model knows no vehicles: traffic passes along its anchors and is faster."
 
 
@@ -49,6 +52,8 @@ class ImportPanel(SidebarPanel, bpy.types.Panel):
         kind = translated(obj.aa4d.bl_rna.properties["carrier"].enum_items[obj.aa4d.carrier].name)
         column.label(text=f"{len(obj.data.vertices):,} {kind}", icon="POINTCLOUD_DATA", translate=False)
         column.prop(obj.aa4d, "filepath", text="")
+        if obj.aa4d.kind == TRACK:
+            _draw_text(layout, context, translated(COLORS_STAY))
         vehicles = parts.parts(obj)[1:]
         if vehicles:
             text = translated("{} vehicles").format(len(vehicles))
@@ -106,7 +111,7 @@ class LookPanel(ObjectPanel, bpy.types.Panel):
         obj, layout = context.active_object, self.layout
         inputs = (look_nodes.LOOK, look_nodes.SIZE, look_nodes.LIT, look_nodes.PAINT, look_nodes.PAINT_SHARE)
         _draw_inputs(layout, modifiers.of(obj, names.LOOK_MODIFIER), inputs)
-        if obj.aa4d.playback == "LIVE":
+        if obj.aa4d.playback == "LIVE" and obj.aa4d.kind == MODEL:
             layout.label(text="Seen From")
             layout.prop(parts.lead(obj).aa4d, "view", text="")
             layout.operator(operators.FreezeView.bl_idname, icon="FREEZE")
@@ -161,10 +166,13 @@ class InspectionPanel(ObjectPanel, bpy.types.Panel):
                 _draw_inputs(layout, look, (look_nodes.CROP_OBJECT,))
         _draw_inputs(layout, modifiers.of(obj, names.TIME_MODIFIER), (time_nodes.TRAIL,))
         _draw_inputs(layout, look, (look_nodes.TRAIL_DISTANCE,))
-        if not parts.has_vehicles(obj) and _shows_motion(obj):
+        if parts.shows_anchors_alone(obj) and _shows_motion(obj):
             _draw_text(layout, context, translated(ANCHORS_ALONE))
+        if obj.aa4d.kind == TRACK and not playback.wanted_of(obj).isdisjoint(names.WEIGHTS):
+            _draw_text(layout, context, translated(NO_PLANES))
         layout.operator(operators.LabelActivity.bl_idname, icon="AUTO")
-        layout.operator(operators.AddGrid.bl_idname, icon="MESH_GRID")
+        if obj.aa4d.kind == MODEL:
+            layout.operator(operators.AddGrid.bl_idname, icon="MESH_GRID")
         layout.operator(operators.MeasureSelection.bl_idname, icon="INFO")
         for line in statistics.get(obj.session_uid, ()):
             _draw_text(layout, context, line)

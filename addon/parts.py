@@ -10,6 +10,7 @@ from bpy.app.translations import pgettext_data as translated
 from . import camera, clip_time, modifiers, names, time_nodes
 from .field import Indices
 from .model import Model
+from .source import MODEL
 
 DRIVEN = (
     time_nodes.START,
@@ -46,9 +47,9 @@ def shown_with(obj: bpy.types.Object) -> list[bpy.types.Object]:
     return [part for part in (parts(obj) if lead(obj) == obj else [obj]) if part.visible_get()]
 
 
-def has_vehicles(obj: bpy.types.Object) -> bool:
-    """Whether the model of an imported object knows vehicles that its anchors ride on."""
-    return names.GROUP.name in obj.data.attributes
+def shows_anchors_alone(obj: bpy.types.Object) -> bool:
+    """Whether its motion is that of anchors which traffic passes along: those of a model that knows no vehicles."""
+    return obj.aa4d.kind == MODEL and names.GROUP.name not in obj.data.attributes
 
 
 def make_own(objects: Sequence[bpy.types.Object]) -> None:

@@ -8,10 +8,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import affine, carriers, names, points
+from . import affine, names, points
 from .container import Floats
-from .field import Field
 from .model import Doubles
+from .source import Source
 
 (POSITION_KEY,) = names.keys_of((names.POSITION,))
 FIRST_KEY = names.key_name(POSITION_KEY, 0)
@@ -39,7 +39,7 @@ def forget(mesh: bpy.types.Mesh) -> None:
     mesh.pop(names.PLACED_PROPERTY, None)
 
 
-def follow_live(obj: bpy.types.Object, field: Field, rows: slice | np.ndarray) -> bool:
+def follow_live(obj: bpy.types.Object, source: Source, rows: slice | np.ndarray) -> bool:
     """Before the points of a live object are overwritten: remember where a person has moved all of them since.
 
     Whether some were moved in a way that is no map, and so cannot be kept.
@@ -53,7 +53,7 @@ def follow_live(obj: bpy.types.Object, field: Field, rows: slice | np.ndarray) -
     if not len(now) or _sum(now) == known:
         return False
     # Something is different, if only that points were deleted: this is rare, so it may cost an evaluation.
-    raw = carriers.positions(field, obj.aa4d.carrier, float(t))[rows]
+    raw = source.positions(obj.aa4d.carrier, float(t))[rows]
     matrix = map_of(mesh)
     if affine.same_places(raw if matrix is None else affine.moved_places(raw, matrix), now):
         return False

@@ -14,7 +14,6 @@ import numpy as np
 
 from . import (
     affine,
-    carriers,
     look_nodes,
     materials,
     modifiers,
@@ -27,38 +26,37 @@ from . import (
 )
 from .clip_time import ClipTime
 from .container import Floats, ModelFileError
-from .field import Field, prepare
-from .model import Doubles, read_model
+from .header import Doubles
+from .source import MODEL, TRACK, Source, Values, point_count, read_source
 
 FRAMES_KEPT_BYTES = 256 * 2**20  # of evaluated frames, so that playing them again costs no more than the copy
 PIECE = 2**20  # bytes at a time, of a file whose hash is taken
 TRAILS_KEPT = 2 * time_nodes.LONGEST_TRAIL
+KIND_WORDS = {MODEL: "a model file", TRACK: "a track file"}
 STANDS_STILL = "it belongs to another file and stands still here; bake it there, or make it and its data local."
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """A model file, ready to be evaluated."""
+    """A file that can be shown, and what of it was asked for last."""
 
-    field: Field
+    source: Source
     content: str  # hash of the file
-    frames: dict[str, dict[names.Attribute, Floats]] = dataclasses.field(default_factory=dict)  # by stamp
+    frames: dict[str, Values] = dataclasses.field(default_factory=dict)  # by stamp
     trails: dict[tuple[str, int], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
     center: dict[float, Doubles] = dataclasses.field(default_factory=dict)  # of the capture's camera, at the last t
 
     def camera_center(self, t: float) -> Doubles:
-        """`Model.camera_center_at`, remembered: all objects of an import ask for the same."""
+        """`Clip.camera_center_at`, remembered: all objects of an import ask for the same."""
         if t not in self.center:
             self.center.clear()
-            self.center[t] = self.field.model.camera_center_at(t)
+            self.center[t] = self.source.clip.camera_center_at(t)
         return self.center[t]
 
-    def frame(
-        self, stamp: str, carrier: str, t: float, center: Doubles, wanted: frozenset[names.Attribute]
-    ) -> dict[names.Attribute, Floats]:
-        """`carriers.evaluate`, remembered under a stamp that tells these arguments apart; the latest are kept."""
+    def frame(self, stamp: str, carrier: str, t: float, center: Doubles, wanted: frozenset[names.Attribute]) -> Values:
+        """`Source.evaluate`, remembered under a stamp that tells these arguments apart; the latest are kept."""
         if stamp not in self.frames:
-            values = carriers.evaluate(self.field, carrier, t, center, wanted)
+            values = self.source.evaluate(carrier, t, center, wanted)
             size = sum(value.nbytes for value in values.values())
             while self.frames and (len(self.frames) + 1) * size > FRAMES_KEPT_BYTES:
                 del self.frames[next(iter(self.frames))]
@@ -71,7 +69,7 @@ class Loaded:
         if key not in self.trails:
             while len(self.trails) >= TRAILS_KEPT:
                 del self.trails[next(iter(self.trails))]
-            self.trails[key] = carriers.positions(self.field, carrier, self.field.model.time_of_rank(rank))
+            self.trails[key] = self.source.positions(carrier, self.source.clip.time_of_rank(rank))
         return self.trails[key]
 
 
@@ -91,10 +89,10 @@ problems: dict[int, str] = {}
 
 
 def load(path: str) -> Loaded:
-    """The model in a file, kept while the file stays the same.
+    """The model or track in a file, kept while the file stays the same.
 
     Raises:
-        ModelFileError: as `read_model`, or there is not enough memory.
+        ModelFileError: as `read_source`, or there is not enough memory.
     """
     try:
         status = os.stat(path)
@@ -110,12 +108,12 @@ def load(path: str) -> Loaded:
 
 @functools.lru_cache(maxsize=4)
 def _load(path: str, _modified_ns: int, _size: int) -> Loaded:
-    prepared = prepare(read_model(path))
+    source = read_source(path)
     content = hashlib.blake2b(digest_size=16)
     with open(path, "rb") as file:
         while piece := file.read(PIECE):
             content.update(piece)
-    return Loaded(prepared, content.hexdigest())
+    return Loaded(source, content.hexdigest())
 
 
 def loaded_of(obj: bpy.types.Object) -> Loaded:
@@ -139,10 +137,13 @@ def loaded_of(obj: bpy.types.Object) -> Loaded:
 
 
 def check_fits(obj: bpy.types.Object, loaded: Loaded) -> None:
-    """Raises ModelFileError where the model lacks points that the object shows."""
-    mesh = obj.data
-    if len(mesh.vertices) and points.ids(mesh).max() >= carriers.point_count(loaded.field, obj.aa4d.carrier):
-        raise ModelFileError(f"{loaded.field.model.path.name} has fewer points than {obj.name} shows; import it anew.")
+    """Raises ModelFileError where the file lacks points that the object shows, or is of another kind."""
+    mesh, source = obj.data, loaded.source
+    if source.kind != obj.aa4d.kind:
+        held, shown = (KIND_WORDS[kind] for kind in (source.kind, obj.aa4d.kind))
+        raise ModelFileError(f"{source.clip.path.name} is {held}, and {obj.name} shows {shown}; import it anew.")
+    if len(mesh.vertices) and points.ids(mesh).max() >= point_count(source, obj.aa4d.carrier):
+        raise ModelFileError(f"{source.clip.path.name} has fewer points than {obj.name} shows; import it anew.")
 
 
 def clip_time_of(obj: bpy.types.Object, frames: int) -> ClipTime:
@@ -199,10 +200,10 @@ def moment_of(
     obj: bpy.types.Object, loaded: Loaded, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
 ) -> Moment:
     """What the object is to show at the scene's (fractional) frame."""
-    model = loaded.field.model
+    clip = loaded.source.clip
     evaluated = obj if depsgraph is None else obj.evaluated_get(depsgraph)  # with its animation and drivers
-    rank = clip_time_of(evaluated, model.frame_count).rank(scene.frame_current_final)
-    t = model.time_of_rank(rank)
+    rank = clip_time_of(evaluated, clip.frame_count).rank(scene.frame_current_final)
+    t = clip.time_of_rank(rank)
     x, y, z = camera_center(obj, loaded, t, scene, depsgraph).tolist()
     return Moment(rank, t, (x, y, z), trail_length(evaluated))
 
@@ -235,7 +236,7 @@ def show(
     check_fits(obj, loaded)
     start = time.perf_counter()
     rows = rows_of(mesh)
-    if placement.follow_live(obj, loaded.field, rows):
+    if placement.follow_live(obj, loaded.source, rows):
         print(f"AdaAnchor4D: {obj.name}: points that were moved by hand are back where the model has them.")
     matrix = placement.map_of(mesh)
     if matrix is not None:

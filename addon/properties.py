@@ -2,11 +2,15 @@
 
 import bpy
 
-from . import names
+from . import names, source
 
 CARRIER_ITEMS = (
     (names.ANCHORS, "Anchors", "One point an anchor: light, and what the model moves"),
     (names.GAUSSIANS, "Gaussians", "The local Gaussians of every anchor: the trained scene in full"),
+)
+KIND_ITEMS = (
+    (source.MODEL, "Model", "A model of anchors, evaluated at any time and as any camera sees it"),
+    (source.TRACK, "Track", "The Gaussians that a model of any method shows at key times, in colours that stay"),
 )
 PLAYBACK_ITEMS = (
     ("LIVE", "Live", "Evaluated from the model file at every frame"),
@@ -34,6 +38,9 @@ class AA4DObjectSettings(bpy.types.PropertyGroup):
     )
     content: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Content", description="The hash of the model file that this object was made from"
+    )
+    kind: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Kind", description="What kind of file this object shows", items=KIND_ITEMS
     )
     fps: bpy.props.FloatProperty(  # type: ignore[valid-type]
         name="Frame Rate", description="Frames a second of the clip that the speed was set for", min=0.0

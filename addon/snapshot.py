@@ -107,6 +107,6 @@ def statistics(obj: bpy.types.Object, chosen: npt.NDArray[np.bool_]) -> list[str
         if attribute.name in mesh.attributes:
             values = points.read(mesh, attribute.name)[chosen]
             word = attribute.name.removeprefix("aa_")
-            word += "" if parts.has_vehicles(obj) else " of the anchors"  # which traffic passes along
+            word += " of the anchors" if parts.shows_anchors_alone(obj) else ""
             lines.append(f"{word} {values.mean():.2f} {unit} in the mean, {values.max():.2f} at most")
     return lines

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .clip import Clip, read_clip
 from .container import DTYPES, Entry, Floats, ModelFileError, read_header, read_tensors
-from .header import FASTEST_FPS, Camera, Doubles, array, number, pinhole, poses_and_images, require
+from .header import FARTHEST_MODEL_M, Doubles, array, number, require
 
+FORMAT = "aa4d-track"
 VERSION = 1
 ATTRIBUTES = {"position": 3, "rotation": 4, "log_scale": 3, "opacity": 1, "color": 3}  # and their channels
 LEVELS = {"U16": 65535, "U8": 255}
@@ -27,6 +29,14 @@ class Channel:
     lower: Floats  # [M, D]
     step: Floats  # [M, D] a level of the keys
     keys: npt.NDArray[Any]  # [T, M, D] levels
+
+    @property
+    def largest(self) -> Floats:
+        """The largest magnitude [D] over all keys."""
+        with np.errstate(over="ignore"):
+            upper = self.lower + np.float32(np.iinfo(self.keys.dtype).max) * self.step
+        values = np.concatenate([self.rest, self.lower, upper])
+        return np.abs(values).max(axis=0)
 
     def at(self, key: int, fraction: float) -> Floats:
         """The values [N, D] at this fraction of the way from a key to the next."""
@@ -51,34 +61,39 @@ class TrackGaussians:
 
 
 @dataclass(frozen=True)
-class Track:
+class Track(Clip):
     """A track file in memory, checked."""
 
-    path: Path
-    fps: float
-    camera: Camera
-    viewmats: Doubles  # [frames, 4, 4], world to camera
-    images: tuple[str, ...]  # of the frames, relative to the capture
-    capture: str | None  # the capture's folder, relative to the file
-    background: tuple[float, float, float]  # sRGB
     times: Doubles  # [T] of the keys, rising within [0, 1]
     errors: Mapping[str, float]  # the largest, at the keys, by attribute
     ids: npt.NDArray[np.uint32]  # [N]
+    group: npt.NDArray[np.intp] | None  # [N] the vehicle of each, -1 for the world; None where none are known
     channels: Mapping[str, Channel]
 
     def at(self, t: float) -> TrackGaussians:
         """All Gaussians at t: linear between two keys, and as at the first or last one outside of them."""
-        place = float(np.interp(t, self.times, np.arange(len(self.times))))
-        key = min(int(place), max(len(self.times) - 2, 0))
-        values = {name: channel.at(key, place - key) for name, channel in self.channels.items()}
-        length = np.linalg.norm(values["rotation"], axis=1, keepdims=True)
+        color, log_scale, rotation = (self._value(name, t) for name in ("color", "log_scale", "rotation"))
+        length = np.linalg.norm(rotation, axis=1, keepdims=True)
         return TrackGaussians(
-            positions=values["position"],
-            colors=np.clip(values["color"], 0, 1),
-            opacities=np.clip(values["opacity"][:, 0], 0, 1),
-            scales=np.exp(values["log_scale"]),
-            quaternions=values["rotation"] / np.maximum(length, np.float32(1e-12)),
+            positions=self.positions_at(t),
+            colors=np.clip(color, 0, 1),
+            opacities=self.opacities_at(t),
+            scales=np.exp(log_scale),
+            quaternions=rotation / np.maximum(length, np.float32(1e-12)),
         )
+
+    def positions_at(self, t: float) -> Floats:
+        """The places [N, 3] of `at` alone."""
+        return self._value("position", t)
+
+    def opacities_at(self, t: float) -> Floats:
+        """The opacities [N] of `at` alone."""
+        return np.clip(self._value("opacity", t)[:, 0], 0, 1)
+
+    def _value(self, name: str, t: float) -> Floats:
+        place = float(np.interp(t, self.times, np.arange(len(self.times))))
+        key = min(int(place), max(len(self.times) - 2, 0))  # the one before t
+        return self.channels[name].at(key, place - key)
 
 
 def read_track(path: str | os.PathLike[str]) -> Track:
@@ -91,7 +106,7 @@ def read_track(path: str | os.PathLike[str]) -> Track:
     header = read_header(path, tuple(DTYPES))
     try:
         information = json.loads(header.metadata["aa4d"])
-        if information["format"] != "aa4d-track":
+        if information["format"] != FORMAT:
             raise KeyError("format")
         version = information["version"]
     except (KeyError, TypeError, ValueError, RecursionError) as error:
@@ -99,17 +114,12 @@ def read_track(path: str | os.PathLike[str]) -> Track:
     if type(version) is not int or not 1 <= version <= VERSION:
         raise ModelFileError(f"{path.name} is a track file of version {version!r}; this add-on reads {VERSION}.")
     try:
-        fps = number(information["fps"], "fps")
-        require(0 < fps <= FASTEST_FPS, f"fps must lie in (0, {FASTEST_FPS:g}]")
-        camera = pinhole(information["camera"])
-        viewmats, images = poses_and_images(information["frames"])
-        background = array(information["background"], (3,), "background")
-        require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
-        capture = information["capture"]
-        require(capture is None or isinstance(capture, str), "capture must be a path or null")
+        clip = read_clip(path, information)
         require(isinstance(information["t"], list) and information["t"], "t must be a list of at least one time")
         times = array(information["t"], (len(information["t"]),), "t")
         require((np.diff(times) > 0).all() and times[0] >= 0 and times[-1] <= 1, "t must rise within [0, 1]")
+        require(isinstance(information["groups"], list), "groups must be a list")
+        group_count = len(information["groups"])
         errors = {name: number(information["errors"][name], f"errors.{name}") for name in ATTRIBUTES}
     except KeyError as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata lacks {error}.") from error
@@ -117,28 +127,36 @@ def read_track(path: str | os.PathLike[str]) -> Track:
         raise ModelFileError(f"{path.name}: its aa4d metadata is not laid out as docs/formats.md says.") from error
     except (ValueError, OverflowError) as error:
         raise ModelFileError(f"{path.name}: its aa4d metadata is not usable: {error}.") from error
-    _check_tensors(path.name, header.entries, len(times))
-    wanted = ["ids", *(f"{name}.{part}" for name in ATTRIBUTES for part in ("rest", "rows", "box", "keys"))]
+    _check_tensors(path.name, header.entries, len(times), group_count)
+    wanted = [f"{name}.{part}" for name in ATTRIBUTES for part in ("rest", "rows", "box", "keys")]
+    wanted += ["ids", "group"] if group_count else ["ids"]
     tensors = read_tensors(path, header.entries, wanted)
+    channels = {name: _channel(path.name, name, tensors, header.entries) for name in ATTRIBUTES}
+    farthest = float(channels["position"].largest.max())
+    if not farthest <= FARTHEST_MODEL_M:
+        raise ModelFileError(
+            f"{path.name} places a Gaussian {farthest:.3g} m from the origin; a world is local, within "
+            f"{FARTHEST_MODEL_M:g} m."
+        )
+    group = tensors["group"].astype(np.intp) if group_count else None
+    if group is not None and not ((group >= -1) & (group < group_count)).all():
+        raise ModelFileError(f"{path.name}: group names a group that is not there; the file has {group_count}.")
     return Track(
-        path=path,
-        fps=fps,
-        camera=camera,
-        viewmats=viewmats,
-        images=images,
-        capture=capture,
-        background=(float(background[0]), float(background[1]), float(background[2])),
+        **vars(clip),
         times=times,
         errors=errors,
         ids=tensors["ids"],
-        channels={name: _channel(path.name, name, tensors, header.entries) for name in ATTRIBUTES},
+        group=group,
+        channels=channels,
     )
 
 
-def _check_tensors(file_name: str, entries: Mapping[str, Entry], keys: int) -> None:
+def _check_tensors(file_name: str, entries: Mapping[str, Entry], keys: int, groups: int) -> None:
     count = _entry(file_name, entries, "ids", "U32").shape
     if len(count) != 1 or not count[0]:
         raise ModelFileError(f"{file_name} holds no Gaussians; export it again.")
+    if groups and _entry(file_name, entries, "group", "I32").shape != count:
+        raise ModelFileError(f"{file_name}: tensor group must have a number for each of the {count[0]} Gaussians.")
     for name, channels in ATTRIBUTES.items():
         varying = next(iter(_entry(file_name, entries, f"{name}.rows", "U32").shape), 0)
         for part, dtypes, shape in (
@@ -165,5 +183,6 @@ def _channel(file_name: str, name: str, tensors: Mapping[str, Any], entries: Map
         raise ModelFileError(f"{file_name}: {name}.rows must rise and name Gaussians that are there.")
     if (box[:, 1] < box[:, 0]).any():
         raise ModelFileError(f"{file_name}: {name}.box must not have upper values below lower ones.")
-    step = (box[:, 1] - box[:, 0]) / np.float32(LEVELS[entries[f"{name}.keys"].dtype])
+    with np.errstate(over="ignore"):  # numbers that overflow are found where they are shown
+        step = (box[:, 1] - box[:, 0]) / np.float32(LEVELS[entries[f"{name}.keys"].dtype])
     return Channel(rest, rows, box[:, 0], step, tensors[f"{name}.keys"])

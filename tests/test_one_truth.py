@@ -49,8 +49,8 @@ def test_names_are_the_same() -> None:
 
 
 def test_limits_are_the_same() -> None:
-    assert schema.FARTHEST_M == synth.flight.keys.WORLD_M == synth.traffic.tracks.FARTHEST_M == addon.model.FARTHEST_M
-    assert aa4d.methods.model_file.FARTHEST_MODEL_M == addon.model.FARTHEST_MODEL_M
+    assert schema.FARTHEST_M == synth.flight.keys.WORLD_M == synth.traffic.tracks.FARTHEST_M == addon.header.FARTHEST_M
+    assert aa4d.methods.model_file.FARTHEST_MODEL_M == addon.header.FARTHEST_MODEL_M
     assert (schema.MAX_SIDE_PX, schema.MAX_FOCAL_PX) == (addon.header.MOST_PX, addon.header.LARGEST_K)
     assert schema.MAX_FPS == addon.header.FASTEST_FPS
     assert schema.MAX_NAME_BYTES == aa4d.methods.model_file.LONGEST_NAME == addon.model.LONGEST_NAME

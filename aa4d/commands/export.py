@@ -16,7 +16,7 @@ def export(
     format: Annotated[  # noqa: A002, it is what the option is called
         str,
         name_in("aa4d.export", "EXPORTERS", "--format"),
-        arg(help=described("aa4d.export", "EXPORTERS", "says")),
+        arg(help=described("aa4d.export", "EXPORTERS", "description")),
     ] = "ply",
     out: Annotated[
         Path | None,

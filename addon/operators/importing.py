@@ -6,13 +6,14 @@ import bpy
 from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ImportHelper
 
-from .. import bake, first_sight, importer, look_nodes, materials, names, parts, properties
+from .. import bake, first_sight, importer, look_nodes, parts, properties
 from ..container import ModelFileError
 from ..scene import has_cycles
 from .baking import bake_now
 
+AUTOMATIC = "AUTOMATIC"
 LOOK_ITEMS = (
-    ("AUTOMATIC", "Automatic", "Points for anchors, Gaussians for Gaussians"),
+    (AUTOMATIC, "Automatic", "Points for anchors, Gaussians for Gaussians"),
     *((look, look, description) for look, description in look_nodes.LOOKS.items()),
 )
 
@@ -27,7 +28,9 @@ class ImportModel(bpy.types.Operator, ImportHelper):
     filename_ext = ".safetensors"
     filter_glob: bpy.props.StringProperty(default="*.safetensors", options={"HIDDEN"})  # type: ignore[valid-type]
     carrier: bpy.props.EnumProperty(  # type: ignore[valid-type]
-        name="Carrier", description="What the points stand for", items=properties.CARRIER_ITEMS
+        name="Carrier",
+        description="What the points stand for; a track file has Gaussians alone",
+        items=properties.CARRIER_ITEMS,
     )
     look: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Look", description="How the points are drawn; the modifier changes it at any time", items=LOOK_ITEMS
@@ -93,12 +96,9 @@ class ImportModel(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import, make what was made active, and say what it is."""
-        look = self.look
-        if look == "AUTOMATIC":
-            look = materials.POINTS if self.carrier == names.ANCHORS else materials.GAUSSIANS
         options = importer.ImportOptions(
             self.carrier,
-            look,
+            None if self.look == AUTOMATIC else self.look,
             self.view,
             self.import_camera,
             self.background_frames,
@@ -120,16 +120,16 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         context.view_layer.objects.active = imported.points
         together = parts.parts(imported.points)
         if self.show:
-            first_sight.show(context, together, imported.model)
+            first_sight.show(context, together, imported.clip)
         message = translated("Imported {:,} points over {} frames; Material Preview shows their colours")
         count = sum(len(part.data.vertices) for part in together)
-        text = message.format(count, imported.model.frame_count)
+        text = message.format(count, imported.clip.frame_count)
         if len(together) > 1:
             text += translated("; {} vehicles").format(len(together) - 1)
         if imported.stretch != 1:
             render = context.scene.render
             rate = render.fps / render.fps_base
-            text += translated("; {:.4g} frames a second in a scene of {:.4g}").format(imported.model.fps, rate)
+            text += translated("; {:.4g} frames a second in a scene of {:.4g}").format(imported.clip.fps, rate)
         self.report({"INFO"}, text)
         if self.set_up_scene and not has_cycles(context.scene):
             self.report({"WARNING"}, translated("Cycles is switched off: the render engine stays as it was"))

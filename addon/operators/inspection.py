@@ -93,7 +93,10 @@ class AddGrid(OnImportedObject, bpy.types.Operator):
         """Add the active object's grid."""
         obj = context.active_object
         try:
-            warp_grid.create_grid(playback.loaded_of(obj).field.model, obj)
+            source = playback.loaded_of(obj).source
+            if source.model is None:
+                raise ModelFileError(f"{source.clip.path.name} is a track file, which has no field to draw.")
+            warp_grid.create_grid(source.model, obj)
         except ModelFileError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import parts, playback, properties
+from .. import parts, playback, properties, source
 from .on_imported import REGISTER_UNDO, OnOwnObject
 
 
@@ -15,8 +15,13 @@ class FreezeView(OnOwnObject, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """There must be a camera."""
-        return super().poll(context) and context.scene.camera is not None
+        """There must be a camera, and colours that depend on the view."""
+        if not super().poll(context) or context.scene.camera is None:
+            return False
+        if context.active_object.aa4d.kind == source.MODEL:
+            return True
+        cls.poll_message_set("The colours of a track file are the same from everywhere")
+        return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Freeze the view of the active object's import."""

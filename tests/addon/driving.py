@@ -92,3 +92,11 @@ def render(bpy: Any, path: Path, *, samples: int = 4) -> np.ndarray:
     pixels = np.array(image.pixels[:], np.float32).reshape(image.size[1], image.size[0], 4)
     bpy.data.images.remove(image)
     return pixels
+
+
+def read_ply(path: Path) -> dict[str, np.ndarray]:
+    header, data = path.read_bytes().split(b"end_header\n", 1)
+    names = [line.split()[2] for line in header.decode().splitlines() if line.startswith("property float")]
+    rows = np.frombuffer(data, "<f4").reshape(-1, len(names))
+    assert f"element vertex {len(rows)}" in header.decode()
+    return dict(zip(names, rows.T, strict=True))

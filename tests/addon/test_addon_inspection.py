@@ -22,7 +22,7 @@ def test_colours_show_the_quantity_asked_for(bpy: Any, extension: str, model_pat
     obj = imported(bpy, model_path)
     field = importlib.import_module(f"{extension}.field")
     playback = importlib.import_module(f"{extension}.playback")
-    loaded = playback.loaded_of(obj).field
+    loaded = playback.loaded_of(obj).source.field
     if baked:
         bpy.ops.aa4d.bake(inspection=True)
     go_to(bpy, 4)

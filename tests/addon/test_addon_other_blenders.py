@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 NEEDS = ("numpy", "pillow", "pytest")
 FILES = (
     *("blender", "clip_playback", "inspection", "links", "export", "compositing", "interface", "vehicles"),
-    *("kept_changes", "frame_rates"),
+    *("kept_changes", "frame_rates", "tracks"),
 )
 # What a version can break: installing, evaluating, node groups, baking, saving, undo, rendering.
 ESSENTIAL = (
@@ -24,7 +24,7 @@ ESSENTIAL = (
     "or drone_camera or save_and_reload or undo or deleted_by_hand or rendered_colour or clip_time_live or keyed "
     "or colours_show or ghosts or filters or discs or usd or splats or relinked or motion_blur or passes or shadow "
     "or vehicle or orphaned or dropped or duplicate or applied or stands_still "
-    "or keeps_its_seconds or half_an_import or nothing_shown or without_cycles or without_usd or first_sight"
+    "or keeps_its_seconds or half_an_import or nothing_shown or without_cycles or without_usd or first_sight or track"
 )
 
 

@@ -65,8 +65,10 @@ def test_what_is_drawn_is_there_and_what_rides_moves_evenly_between_keys(clip: C
     track = read_track(path)
     drawn = {int(i) for index in range(len(clip)) for i in clip.gaussians(index).ids}
     assert set(track.ids.tolist()) == drawn
-    rides = load_file(path)["group"] == 0
+    assert track.group is not None
+    rides = track.group == 0
     assert rides.any()
+    assert set(track.group.tolist()) == set(load_file(path)["group"].tolist())
     before, middle, after = (
         track.at(float(t)).positions for t in (track.times[2], track.times[2:4].mean(), track.times[3])
     )
