@@ -72,9 +72,9 @@ PRESETS = {
         views_per_step=1,
         degree_every=300,
         # A tenth of the paper's iterations, of one view each, as AdaAnchor4D's preset of this name: what deforms
-        # learns faster, and no transparent Gaussian stays, for each costs time on a CPU.
+        # learns faster. Each Gaussian asks the networks, so no transparent one stays, and there are few (CPU).
         rates=Rates(planes=Decay(1.6e-2, 1.6e-3), deformation=Decay(1.6e-3, 1.6e-4), position=Decay(3e-4, 3e-6)),
-        densification=CloneAndSplit(statistics_from=0, start=100, until=1500, max_gaussians=60_000),
+        densification=CloneAndSplit(statistics_from=0, start=100, until=1500, max_gaussians=20_000),
         model=ModelConfig(spatial_resolutions=(64, 128)),
     ),
     "standard": FourDGSSettings(
@@ -82,7 +82,7 @@ PRESETS = {
         coarse_iterations=1500,
         fine_iterations=12000,
         rates=Rates(planes=Decay(5e-3, 5e-4), deformation=Decay(5e-4, 5e-5), position=Decay(2e-4, 2e-6)),
-        densification=CloneAndSplit(statistics_from=0, start=300, until=5000, max_gaussians=120_000),
+        densification=CloneAndSplit(statistics_from=0, start=300, until=5000, max_gaussians=60_000),
     ),
     "paper": FourDGSSettings(preset="paper", coarse_iterations=3000, fine_iterations=30_000),
 }
