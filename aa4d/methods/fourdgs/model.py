@@ -23,9 +23,9 @@ class FourDGS(GaussianModel):
         self.field = FeaturePlanes(c.plane_dim, c.spatial_resolutions, c.temporal_resolution)
         self.encoder = nn.Linear(c.plane_dim * self.field.levels, c.width)
         nn.init.xavier_uniform_(self.encoder.weight)
-        self.head_position = TwoLayer(c.width, c.width, 3)
-        self.head_log_scale = TwoLayer(c.width, c.width, 3)
-        self.head_quaternion = TwoLayer(c.width, c.width, 4)
+        self.head_position = TwoLayer(c.width, c.width, 3, zero_output=c.still_start)
+        self.head_log_scale = TwoLayer(c.width, c.width, 3, zero_output=c.still_start)
+        self.head_quaternion = TwoLayer(c.width, c.width, 4, zero_output=c.still_start)
 
     def parameter_groups(self, *, canonical: bool) -> dict[str, list[nn.Parameter]]:
         groups = self.row_groups()
