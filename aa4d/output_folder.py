@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from aa4d.errors import InputError
 from aa4d.files import make_folder, read_json_object, write_json
 from aa4d.identity import Identity, digest_of, digest_of_file, identity_of
-from aa4d.methods.model_file import LoadedModel
+
+if TYPE_CHECKING:
+    from aa4d.methods.model_file import LoadedModel
 
 
 def claim_folder(out: Path, index_name: str, wanted: dict[str, Any], what: str) -> dict[str, Any]:

@@ -150,7 +150,7 @@ def test_true_movers_that_no_training_frame_shows_do_not_ride(toy: Path) -> None
             np.savez(toy / "truth/tracks.npz", **(arrays | changed))
             assert len(truth_tracks(capture, capture.of_split("train"))) == 0
         np.savez(toy / "truth/tracks.npz", **(arrays | {"object_to_world": 3 * arrays["object_to_world"]}))
-        with pytest.raises(InputError, match="what is no rigid motion"):
+        with pytest.raises(InputError, match="must hold rigid motions"):
             truth_tracks(capture, capture.of_split("train"))
     finally:
         (toy / "truth/tracks.npz").write_bytes(kept)
