@@ -61,7 +61,18 @@ def digests_of(folder: Path) -> dict[str, str]:
 
 def check_content(folder: Path) -> None:
     """Raises InputError where a file is not as checksums.json has it, so that nobody learns from a damaged capture."""
-    for name, expected in (listed(folder) or {}).items():
+    files = listed(folder)
+    if files is None:
+        return
+    paths = [p for part in READ_HERE for p in (folder / part, *(folder / part).rglob("*")) if p.is_file()]
+    for path in paths:
+        name = path.relative_to(folder).as_posix()
+        if name not in files and not path.name.startswith("."):
+            raise InputError(
+                f"{folder / CHECKSUMS}: does not list {name}; make the capture again, or delete this file to use the "
+                "capture as it is now, as another one"
+            )
+    for name, expected in files.items():
         path = folder / name
         is_needed = PurePosixPath(name).parts[0] in READ_HERE
         if (is_needed or path.exists()) and (not path.is_file() or digest_of_file(path) != expected):

@@ -52,7 +52,7 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     """Quality beside cost, the full model beside itself frozen at its coarse stage."""
     table = Table(title="held-out frames")
     table.add_column("")
-    table.add_column("AdaAnchor4D", justify="right")
+    table.add_column(metrics.get("method", "model"), justify="right")
     table.add_column("coarse (static)", justify="right")
 
     def db(value: float | None) -> str:
@@ -76,7 +76,7 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     where = "GPU" if metrics["device"] == "cuda" else f"{metrics['threads']} thread(s)"
     table.add_row(f"rendering, {width}x{height}, {where}", f"{metrics['fps']:.1f} fps", "")
     table.add_row("training", f"{metrics['training_seconds'] / 60:.1f} min", "")
-    table.add_row("anchors / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
+    table.add_row("anchors (free Gaussians) / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")
     return table
 

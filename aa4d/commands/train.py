@@ -90,6 +90,8 @@ def train(
         "--motion": ("motion", {} if motion == "tracks" else motion),
         "--tracks": ("motion.tracks", tracks),
     }
+    if motion == "none" and (idle := [given for given in assignments if given.startswith("motion.")]):
+        raise InputError(f"--set {idle[0]}: has no effect with --motion none; leave one of them out")
     given = Given.by(config, assignments, options)
     presets = presets_of(given.chosen("method", METHODS, DEFAULT))
     base = presets[given.chosen("preset", presets, "quick")]

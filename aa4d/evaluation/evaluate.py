@@ -75,6 +75,7 @@ class TrainingFrameScore:
 class Metrics:
     """Means over held-out frames (infinite values, of identical images, count as 100 dB)."""
 
+    method: str
     psnr: float
     ssim: float
     lpips: dict[Network, float]  # by network
@@ -135,7 +136,6 @@ def evaluate(
     loaded = load_model(run / "model.safetensors", chosen)
     static = load_model(run / "coarse.safetensors", chosen) if (run / "coarse.safetensors").exists() else None
     capture = capture_of(loaded, capture_folder)
-    check_content(capture.folder)
     held_out = capture.of_split("test")
     if not held_out:
         raise InputError(f'{capture.folder}: has no held-out frame (split "test"), so there is nothing to evaluate on')
@@ -178,6 +178,7 @@ def evaluate(
 
     speed = measure_speed(loaded, capture)
     metrics = Metrics(
+        method=loaded.method,
         psnr=statistics.fmean(s.psnr for s in scores),
         ssim=statistics.fmean(s.ssim for s in scores),
         lpips={network: statistics.fmean(s.lpips[network] for s in scores) for network in perceptual.loaded},
@@ -235,7 +236,7 @@ def capture_of(loaded: LoadedModel, named: Path | None) -> Capture:
     """The capture that a model was trained on, at the folder `named` or where the model file says.
 
     Raises:
-        InputError: it is not there, or is another one.
+        InputError: it is not there, is another one, or is not as it was made.
     """
     folder = named or loaded.capture_folder
     if folder is None:
@@ -248,6 +249,7 @@ def capture_of(loaded: LoadedModel, named: Path | None) -> Capture:
             f"{folder}: is not the capture that {loaded.path} was trained on; name that one with --capture, or train "
             "again"
         )
+    check_content(folder)
     return capture
 
 

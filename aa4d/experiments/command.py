@@ -39,6 +39,12 @@ def run(
     for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--iterations", min(iterations or (1,)))):
         if value < 1:
             raise InputError(f"{name} {value}: must be at least 1")
+    methods = {variant.method for variant in experiment.variants}
+    if len(methods) > 1 and (config is not None or assignments or motion is not None):
+        raise InputError(
+            f"{experiment.name}: methods have settings of their own, so that --config, --set and --motion would reach "
+            "one of them alone; leave them out (--preset and --iterations hold for all)"
+        )
     options: Options = {"--preset": ("preset", preset), "--motion": ("motion", {} if motion == "tracks" else motion)}
     given = Given.by(config, assignments, options)
     given.chosen("method", [AdaAnchor4DSettings.method], AdaAnchor4DSettings.method)

@@ -11,6 +11,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Protocol
 
+from aa4d.capture.content import check_content
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import InputError, Interrupted
 from aa4d.experiments.tables import write_tables
@@ -96,6 +97,8 @@ def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs:
         Interrupted: Ctrl-C; what was running is saved.
     """
     captures = {folder: read_capture(folder) for folder in dict.fromkeys(trial.capture for trial in trials)}
+    for folder in captures:
+        check_content(folder)
     index = claim(experiment, trials, captures, out)
     rows: dict[str, Row] = {}
     waiting: list[Trial] = []

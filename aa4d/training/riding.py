@@ -11,7 +11,9 @@ from aa4d.anchors.canonical import spacing
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture, read_images
 from aa4d.capture.truth import boxes_of
+from aa4d.errors import InputError
 from aa4d.methods.anchor_model import AnchorModel
+from aa4d.methods.settings import CommonRates
 from aa4d.motion.groups import Groups
 from aa4d.motion.observations import Observations
 from aa4d.motion.seeding import seeds
@@ -51,6 +53,13 @@ def check_source(source: str, capture: Capture) -> None:
         followed_boxes(capture)
     else:
         boxes_of(capture)
+
+
+def refuse_idle_rates(rates: CommonRates) -> None:
+    """Raises InputError where nothing rides and a rate of what would learn then was set: it would be lost."""
+    for name in ("tracks", "heading"):
+        if getattr(rates, name) != getattr(CommonRates(), name):
+            raise InputError(f"rates.{name}: nothing rides (motion is none), so it has no effect; leave it out")
 
 
 def observations(capture: Capture, static_color: FloatArray, static_depth_m: FloatArray) -> Observations:

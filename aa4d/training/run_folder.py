@@ -47,6 +47,11 @@ def check_folder(out: Path, wanted: dict[str, Any]) -> None:
             raise InputError(f"{out}: not empty and not a training run; choose a new folder with --out")
         return
     found = {"method": DEFAULT} | read_json_object(path, "the settings of a training run")
+    if found["method"] != wanted["method"]:
+        raise InputError(
+            f"{out}: holds a run with another {difference(found['method'], wanted['method'], 'method')} (see {path}); "
+            "choose a new folder with --out, or delete that one"
+        )
     rides, is_to_ride = (bool(s.get("training", {}).get("motion")) for s in (found, wanted))
     if rides != is_to_ride:
         names = {True: "--motion tracks", False: "--motion none"}
@@ -54,9 +59,9 @@ def check_folder(out: Path, wanted: dict[str, Any]) -> None:
             f"{out}: holds a run of {names[rides]}, and {names[is_to_ride]} is asked for (see {path}); "
             "choose a new folder with --out, or delete that one"
         )
-    differences = [difference(found.get(key), wanted[key], key) for key in ("method", "training", "model")]
+    differences = [difference(found.get(key), wanted[key], key) for key in ("training", "model")]
     if not _has_same_capture(found, wanted):
-        differences.insert(1, "capture")
+        differences.insert(0, "capture")
     for different in differences:
         if different is not None:
             raise InputError(

@@ -33,7 +33,7 @@ from aa4d.training.history import History
 from aa4d.training.movers import Movers
 from aa4d.training.optimiser import edit_units, make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
-from aa4d.training.riding import check_source
+from aa4d.training.riding import check_source, refuse_idle_rates
 from aa4d.training.run_folder import check_folder, claimed, run_identity, run_settings
 from aa4d.training.schedule import CLEAN, Schedule, schedule_of
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
@@ -75,7 +75,9 @@ def train(
     description = description_of(capture, settings)
     check_folder(out, description)
     check_content(capture.folder)
-    if settings.motion is not None:
+    if settings.motion is None:
+        refuse_idle_rates(settings.rates)
+    else:
         check_source(settings.motion.tracks, capture)
     # Every image is read here, so that bad input is refused before anything is written.
     run = Run(training_frames(capture, chosen), out, settings)

@@ -127,3 +127,14 @@ def test_a_capture_that_cannot_be_written_to_is_read(toy_capture: Path) -> None:
     assert {p: p.stat().st_mtime_ns for p in toy_capture.rglob("*")} == before
     for path in (toy_capture, *toy_capture.rglob("*")):
         path.chmod(0o755)
+
+
+def test_a_file_that_no_checksum_covers_is_refused(toy_capture: Path) -> None:
+    capture = read_capture(toy_capture)
+    write_json(toy_capture / CHECKSUMS, digests_of(toy_capture))
+    check_content(toy_capture)
+    files = digests_of(toy_capture)
+    del files[capture.frames[0].image]
+    write_json(toy_capture / CHECKSUMS, files)
+    with pytest.raises(InputError, match=rf"checksums\.json: does not list {capture.frames[0].image}"):
+        check_content(toy_capture)

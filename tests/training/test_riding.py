@@ -11,7 +11,7 @@ from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.methods.model_file import load_model
-from aa4d.methods.settings import MotionSettings
+from aa4d.methods.settings import Decay, MotionSettings
 from aa4d.motion.tracks_file import load_tracks, save_tracks, tracks_path
 from aa4d.motion.truth import truth_tracks
 from aa4d.training.riding import membership_loss
@@ -154,3 +154,10 @@ def test_true_movers_that_no_training_frame_shows_do_not_ride(toy: Path) -> None
             truth_tracks(capture, capture.of_split("train"))
     finally:
         (toy / "truth/tracks.npz").write_bytes(kept)
+
+
+def test_rates_of_what_does_not_ride_are_refused(toy_capture: Path, tmp_path: Path) -> None:
+    rates = replace(SHORT.rates, heading=Decay(0.5, 0.05))
+    with pytest.raises(InputError, match=r"rates\.heading: nothing rides"):
+        train(read_capture(toy_capture), tmp_path / "run", replace(SHORT, rates=rates), silent)
+    assert not (tmp_path / "run").exists()

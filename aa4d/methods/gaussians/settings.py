@@ -19,4 +19,4 @@ class CloneAndSplit(DensitySchedule):
     largest_clone: Positive = 0.01  # scale above which a Gaussian is split
     min_opacity: Share = 0.005  # below which a Gaussian goes
     prune_above: Units = 0  # with no more Gaussians than that, none goes for being transparent
-    max_gaussians: Count = 360_000  # a bound on memory
+    max_gaussians: Count = 360_000  # growth stops there; what training starts with may be more
