@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import signal
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 from multiprocessing.connection import Connection, wait
@@ -161,7 +162,12 @@ class Processes:
     def start(self, trial: Trial) -> None:
         ours, theirs = self._context.Pipe(duplex=False)
         process = self._context.Process(target=trial_process, args=(trial, self._threads, theirs))
-        process.start()
+        # The process inherits the block, and takes Ctrl-C once it can answer it (`trial_process`).
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         theirs.close()
         self.trials[ours] = (trial, process)
 

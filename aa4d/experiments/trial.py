@@ -111,11 +111,12 @@ def trial_process(trial: Trial, threads: int | None, parent: Connection) -> None
     report where the parent is gone.
     """
     os.setpgrp()
-    import torch
-
-    if threads is not None:
-        torch.set_num_threads(threads)
     try:
+        import torch
+
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        if threads is not None:
+            torch.set_num_threads(threads)
         parent.send(("row", run_trial(trial, lambda iterations: parent.send(("done", iterations)))))
     except InputError as error:
         parent.send(("failed", str(error)))
