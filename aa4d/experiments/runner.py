@@ -7,6 +7,7 @@ import multiprocessing
 import signal
 from collections.abc import Iterable
 from dataclasses import asdict, replace
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -162,6 +163,7 @@ class Processes:
     def start(self, trial: Trial) -> None:
         ours, theirs = self._context.Pipe(duplex=False)
         process = self._context.Process(target=trial_process, args=(trial, self._threads, theirs))
+        resource_tracker.ensure_running()  # else the first start begins it, which lifts the block
         # The process inherits the block, and takes Ctrl-C once it can answer it (`trial_process`).
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
