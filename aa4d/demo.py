@@ -44,7 +44,7 @@ class Stage:
     inputs: tuple[Path, ...]
     outputs: tuple[Path, ...]
     run: Callable[[], None]
-    settings: Any = None  # of JSON
+    settings: Any = None  # anything that JSON can hold
 
     def inputs_digest(self) -> str:
         return digest_of([__version__, self.settings, [digest_of_artefact(path) for path in self.inputs]])

@@ -17,7 +17,7 @@ DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
 
 
 def note_on_device(name: DeviceName) -> str | None:
-    """What to tell a person who has a GPU and did not choose; None where there is nothing to tell."""
+    """A note for a person who has a GPU and did not choose; None where there is nothing to tell."""
     import torch
 
     return UNUSED_GPU if name == "auto" and torch.cuda.is_available() else None

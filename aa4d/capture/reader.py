@@ -37,7 +37,7 @@ EIGHT_BITS = ("RGB", "RGBA", "L", "LA", "P", "1", "CMYK", "YCbCr")  # Pillow's n
 class Capture:
     folder: Path
     name: str
-    identity: Identity  # of everything that the folder holds
+    identity: Identity  # covers everything that the folder holds
     fps: float
     camera: PinholeCamera
     frames: tuple[Frame, ...]
@@ -45,7 +45,7 @@ class Capture:
     point_colors: NDArray[np.uint8]  # [P, 3] sRGB
     tracks: str | None
     instance_names: dict[int, str] = field(default_factory=dict)  # by id; empty where the capture names none
-    fingerprint: str | None = None  # of capture.json alone, by which runs of older versions know their capture
+    fingerprint: str | None = None  # digest of capture.json alone, by which runs of older versions know their capture
 
     def of_split(self, split: str) -> list[int]:
         return [i for i, frame in enumerate(self.frames) if frame.split == split]

@@ -47,7 +47,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Sightings:
-    """Where a frame shows which points, M of them."""
+    """M points that a frame shows, and where."""
 
     ids: NDArray[np.int64]  # [M] of points; those that are not in the cloud are left out
     pixels: Floats  # [M, 2] of the capture's camera

@@ -32,7 +32,7 @@ def raster(json: Json = None, repeats: Repeats = 7) -> None:
 
 
 def precision(repeats: Repeats = 7) -> None:
-    """What the rasteriser's precisions cost, and what each leaves out."""
+    """Measure the cost of the rasteriser's precisions, and what each leaves out."""
     from aa4d.raster import bench
 
     _check(None, repeats)

@@ -35,7 +35,7 @@ def name_in(module: str, registry: str, option: str, otherwise: str = "") -> Pri
 def names_in(
     module: str, registry: str, option: str, otherwise: str = ""
 ) -> PrimitiveConstructorSpec[tuple[str, ...] | None]:
-    """Likewise for any number of names, each once, in the order in which they are given."""
+    """Annotation for any number of names, each once, in the order in which they are given."""
     names = tuple(registered(module, registry))
     return PrimitiveConstructorSpec(
         nargs="*",
@@ -47,7 +47,7 @@ def names_in(
 
 
 def described(module: str, registry: str, attribute: str) -> str:
-    """What the entries of a registry say of themselves in `attribute`, for help."""
+    """Descriptions of a registry's entries, their `attribute`, as one line of help."""
     entries = import_module(module).__dict__[registry].items()
     return " ".join(f"{name}: {getattr(entry, attribute)}." for name, entry in entries)
 

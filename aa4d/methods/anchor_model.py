@@ -15,6 +15,8 @@ from aa4d.raster.types import Camera, Gaussians
 
 
 class AnchorModel(SceneModel):
+    """N anchors of K Gaussians each. A method adds `deformed` and the parameter groups."""
+
     anchors: Anchors
     decoder: Decoder
 

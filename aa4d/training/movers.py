@@ -25,7 +25,7 @@ RESTART = "delete the run and train again"
 
 
 class Movers:
-    """Of one run with motion."""
+    """The tracks of one run with motion, and what training makes of them."""
 
     def __init__(self, settings: MotionSettings, frames: TrainingFrames, out: Path) -> None:
         self.settings = settings
