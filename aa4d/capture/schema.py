@@ -76,8 +76,8 @@ def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
         )
     if others := sorted(str(key) for key in value if key not in ("model", "width", "height", "K")):
         raise InputError(
-            f"{index}: camera has the key {others[0]!r:.40}, which a PINHOLE does not know; undistort the frames first, "
-            "or remove the key"
+            f"{index}: camera has the key {others[0]!r:.40}, which a PINHOLE does not know; undistort the frames, or "
+            "remove it"
         )
     width, height = value.get("width"), value.get("height")
     if not (type(width) is int and type(height) is int and width > 0 and height > 0):
