@@ -23,7 +23,7 @@ from aa4d.export import EXPORTERS, export
 from aa4d.export.clip import FAINTEST, VIEWER, Clip, WorldGaussians, mean_eye, turned, world_gaussians
 from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
 from aa4d.export.usd_points import linear
-from aa4d.filming.camera_path import View, path_of_frames, resampled, with_time
+from aa4d.filming.camera_path import View, looking_at, path_of_frames, resampled, with_time
 from aa4d.filming.layers import draw
 from aa4d.methods.model_file import LoadedModel, load_model, save_model
 from aa4d.motion.tracks import ALWAYS
@@ -80,6 +80,18 @@ def test_splats_look_like_the_model(clip: Clip, tmp_path: Path, axes: str) -> No
         difference = np.abs(shown.astype(int) - expected.astype(int))
         assert difference.mean() < 0.1
         assert (difference > 3).mean() < 0.01
+
+
+@pytest.mark.parametrize("height_m", [0.7, 2.0, 6.0])
+def test_close_to_the_ground_the_model_draws_what_its_splats_do(clip: Clip, tmp_path: Path, height_m: float) -> None:
+    """Where most of the picture belongs to anchors whose centres project beyond it."""
+    view = View("low", 0.4, looking_at(np.array([-3.0, -2.0, height_m]), np.array([1.0, 1.0, height_m / 2])))
+    write_splat_ply(tmp_path / "low.ply", world_gaussians(clip.loaded, view.t, view.center()))
+    shown = seen_in_metres(read_splats(tmp_path / "low.ply"), clip.loaded, view, np.eye(3))
+    expected = draw(clip.loaded, view, clip.loaded.camera, ["color"]).color
+    difference = np.abs(shown.astype(int) - expected.astype(int))
+    assert difference.mean() < 0.1
+    assert (difference > 3).mean() < 0.01
 
 
 def test_the_viewers_axes_have_the_sky_up() -> None:
