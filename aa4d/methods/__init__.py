@@ -17,6 +17,7 @@ METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
     "d3dgs": "aa4d.methods.d3dgs",
     "fourdgs": "aa4d.methods.fourdgs",
+    "speede": "aa4d.methods.speede",
 }
 DEFAULT = "adaanchor4d"
 

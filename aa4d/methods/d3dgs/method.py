@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -28,30 +28,28 @@ from aa4d.raster.types import Output
 LARGEST_DEPTH = 64  # layers
 SIZES = [f.name for f in fields(ModelConfig) if f.name != "still_start"]
 
+S = TypeVar("S", bound=D3DGSSettings)
 
-class D3DGSMethod(Method[D3DGSSettings]):
-    name = D3DGSSettings.method
-    presets = PRESETS
 
-    def resolved(self, settings: D3DGSSettings, frames: int) -> D3DGSSettings:  # noqa: ARG002, nothing depends on it
+class DeformedByNetwork(Method[S]):
+    """How free Gaussians learn that a network deforms: D3DGS, and what builds on it."""
+
+    def resolved(self, settings: S, frames: int) -> S:  # noqa: ARG002, nothing depends on it
         return settings
 
-    def stages(self, settings: D3DGSSettings) -> tuple[Stage, ...]:
+    def stages(self, settings: S) -> tuple[Stage, ...]:
         return schedule.stages(settings)
 
-    def initial(self, settings: D3DGSSettings, beginning: Beginning) -> D3DGS:
-        torch.manual_seed(settings.seed)
-        return D3DGS(settings.model, initial_rows(beginning, settings.voxel_px * beginning.pixel))
+    def done_of_run(self, stage: Stage, done: int, settings: S) -> int:
+        """Iterations of the whole run, where `done` of a stage are done."""
+        return schedule.before(stage, self.stages(settings)) + done
 
-    def blank(self, settings: D3DGSSettings, units: int) -> D3DGS:
-        return D3DGS(settings.model, blank_rows(units))
-
-    def begin_step(self, stage: Stage, iteration: int, model: SceneModel, settings: D3DGSSettings) -> None:
+    def begin_step(self, stage: Stage, iteration: int, model: SceneModel, settings: S) -> None:
         assert isinstance(model, D3DGS)
-        done = schedule.before(stage, settings) + iteration
+        done = self.done_of_run(stage, iteration, settings)
         model.degree.fill_(min(done // settings.degree_every, LARGEST_DEGREE))
 
-    def trained_time(self, stage: Stage, iteration: int, t: float, views: int, settings: D3DGSSettings) -> float:
+    def trained_time(self, stage: Stage, iteration: int, t: float, views: int, settings: S) -> float:
         """With D3DGS's annealed noise.
 
         The interval is that of all views, as its paper has it; its code divides by the views that are left of the
@@ -60,21 +58,21 @@ class D3DGSMethod(Method[D3DGSSettings]):
         if stage.canonical:
             return t
         total = settings.coarse_iterations + settings.fine_iterations
-        scale = schedule.noise_scale(settings.noise, schedule.before(stage, settings) + iteration, total)
+        scale = schedule.noise_scale(settings.noise, self.done_of_run(stage, iteration, settings), total)
         return schedule.noisy_time(t, scale / views, (settings.seed, stage.draws, iteration))
 
-    def outputs(self, settings: D3DGSSettings) -> Collection[Output]:
+    def outputs(self, settings: S) -> Collection[Output]:
         asked: tuple[Output, ...] = ("absolute_gradient",)
         return asked if settings.densification.absolute else ()
 
-    def image_loss(self, rendered: Rendered, target: Tensor, settings: D3DGSSettings) -> tuple[Tensor, Tensor]:
+    def image_loss(self, rendered: Rendered, target: Tensor, settings: S) -> tuple[Tensor, Tensor]:
         return image_loss(rendered.rendering.color, target, settings.loss.dssim)
 
     def edit(
         self,
         model: SceneModel,
         statistics: Statistics,
-        settings: D3DGSSettings,
+        settings: S,
         pixel: float,  # noqa: ARG002, its sizes are shares of the scene's depth
         generator: torch.Generator,
     ) -> UnitEdit:
@@ -87,7 +85,7 @@ class D3DGSMethod(Method[D3DGSSettings]):
         stage: Stage,
         done: int,
         model: SceneModel,
-        settings: D3DGSSettings,
+        settings: S,
         looks: Looks,  # noqa: ARG002, it looks at no picture
     ) -> UnitEdit | None:
         """Pruning with growth, and resets of opacity.
@@ -95,7 +93,7 @@ class D3DGSMethod(Method[D3DGSSettings]):
         A reset comes one iteration after D3DGS's: a stage must not end with a scene that was just made transparent.
         """
         assert isinstance(model, D3DGS)
-        g, total = settings.densification, schedule.before(stage, settings) + done
+        g, total = settings.densification, self.done_of_run(stage, done, settings)
         if not stage.changes_units or done > g.until:
             return None
         if g.reset_every and total > 1 and (total - 1) % g.reset_every == 0:
@@ -108,6 +106,18 @@ class D3DGSMethod(Method[D3DGSSettings]):
     def header(self, model: SceneModel) -> dict[str, Any]:
         assert isinstance(model, D3DGS)
         return {name: getattr(model.config, name) for name in SIZES}
+
+
+class D3DGSMethod(DeformedByNetwork[D3DGSSettings]):
+    name = D3DGSSettings.method
+    presets = PRESETS
+
+    def initial(self, settings: D3DGSSettings, beginning: Beginning) -> D3DGS:
+        torch.manual_seed(settings.seed)
+        return D3DGS(settings.model, initial_rows(beginning, settings.voxel_px * beginning.pixel))
+
+    def blank(self, settings: D3DGSSettings, units: int) -> D3DGS:
+        return D3DGS(settings.model, blank_rows(units))
 
     def blank_of_file(self, config: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> D3DGS:
         return D3DGS(sizes_of(config, path), blank_rows(len(tensor_of(tensors, "free.position", path))))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch.nn.functional as F
-from torch import nn
+from torch import Tensor, nn
 
 from aa4d.methods.d3dgs.network import DeformationNetwork
 from aa4d.methods.d3dgs.settings import ModelConfig
@@ -24,7 +24,7 @@ class D3DGS(GaussianModel):
         groups = self.row_groups()
         return groups if canonical else groups | {"deformation": list(self.network.parameters())}
 
-    def deformed(self, rows: GaussianRows, t: float) -> GaussianRows:
+    def deformed(self, rows: GaussianRows, t: float, index: Tensor | None = None) -> GaussianRows:  # noqa: ARG002
         shift, turn, growth = self.network(rows.position, t)
         # A scale may become negative, which is the same Gaussian as with the positive one.
         scale = (rows.log_scale.exp() + growth).abs().clamp_min(SMALLEST_SCALE)

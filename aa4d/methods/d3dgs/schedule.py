@@ -25,9 +25,9 @@ def stages(settings: D3DGSSettings) -> tuple[Stage, ...]:
     )
 
 
-def before(stage: Stage, settings: D3DGSSettings) -> int:
-    """Iterations of the run before a stage."""
-    return 0 if stage.canonical else settings.coarse_iterations
+def before(stage: Stage, stages: tuple[Stage, ...]) -> int:
+    """Iterations of the run before one of its stages."""
+    return sum(other.iterations for other in stages[: stages.index(stage)])
 
 
 def noise_scale(noise: TimeNoise, done: int, total: int) -> float:

@@ -125,7 +125,7 @@ def test_a_still_start_changes_nothing_but_the_quaternions_length() -> None:
 def settings_of(**changes: object) -> D3DGSSettings:
     base = replace(PRESETS["main"], coarse_iterations=100, fine_iterations=300)
     growth = replace(base.densification, start=10, interval=10, until=200, reset_every=50)
-    return replace(base, densification=growth, **changes)  # type: ignore[arg-type]
+    return replace(base, densification=growth, **changes)
 
 
 def test_time_noise_falls_linearly_over_half_the_run() -> None:
