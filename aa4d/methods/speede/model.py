@@ -52,4 +52,4 @@ class Speede(D3DGS):
         """Let groups move the Gaussians from now on, which then rest where they are at the first training view."""
         assert self.flow is not None
         first, self.label, self.flow = find_groups(self.centers, tuple(self.flow.time.tolist()), settings)
-        self.free.position.copy_(first)
+        self.tensor("free.position").copy_(first)
