@@ -250,7 +250,7 @@ def test_groups_that_no_training_writes_are_refused(
     _, tensors = read_tensors(run / "model.safetensors")
     raw = (run / "model.safetensors").read_bytes()
     header = json.loads(raw[8 : 8 + struct.unpack("<Q", raw[:8])[0]])["__metadata__"]
-    tensors[name] = change(tensors[name])  # type: ignore[operator]
+    tensors[name] = change(tensors[name])
     save_file(tensors, str(tmp_path / "model.safetensors"), metadata=header)
     with pytest.raises(InputError, match=message):
         load_model(tmp_path / "model.safetensors")
