@@ -50,6 +50,7 @@ def backward(
     d_background: Tensor,
     screen: Tensor,
     screen_absolute: Tensor | None,
+    sensitivity: Tensor | None,
     d_features: Tensor | None,
     d_viewmat: Tensor | None,
 ) -> None: ...

@@ -27,15 +27,19 @@ class Statistics:
     def add(self, visible: Tensor, gaussians: Gaussians, rendering: Rendering, views: int = 1) -> None:
         """After the backward pass of an image, in which the anchors `visible` [M] were rendered.
 
+        The gradient is the absolute one where the rasteriser was asked for it.
+
         Args:
             views: of whose losses the mean was differentiated: the gradient counts as that of the view's own loss.
         """
         shape = (len(visible), self.drawn.shape[1])
+        absolute = rendering.screen_gradient_absolute
+        gradient = rendering.screen_gradient if absolute is None else absolute
         drawn = (rendering.radii > 0).view(shape)
         self.seen[visible] += 1
         self.opacity[visible] += gaussians.opacities.detach().view(shape).sum(1)
         self.drawn[visible] += drawn
-        self.gradient[visible] += torch.where(drawn, views * rendering.screen_gradient.view(shape), 0)
+        self.gradient[visible] += torch.where(drawn, views * gradient.view(shape), 0)
 
     def forget_judged(self, *, min_seen: float, min_drawn: float) -> None:
         """Begin anew where a statistic has just been judged; rarely seen anchors go on gathering theirs."""

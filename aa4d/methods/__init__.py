@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 # The folder of each, by its name; imported on first use, so that the command line starts without torch.
 METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
+    "d3dgs": "aa4d.methods.d3dgs",
     "fourdgs": "aa4d.methods.fourdgs",
+    "speede": "aa4d.methods.speede",
 }
 DEFAULT = "adaanchor4d"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic
@@ -16,6 +16,7 @@ from aa4d.anchors.densification import Statistics
 from aa4d.methods.rendering import Rendered
 from aa4d.methods.scene_model import SceneModel
 from aa4d.methods.settings import Settings
+from aa4d.raster.types import Camera, Output
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,12 @@ class Stage:
     canonical: bool = False  # nothing moves: drawn at no time
     views_per_step: int = 1
     changes_units: bool = True  # units come and go
+    decay: tuple[float, float] = (0.0, 1.0)  # how far the learning rates' decay is at its first and last iteration
+
+    def progress(self, iteration: int) -> float:
+        """Of the learning rates' decay at an iteration, from 0."""
+        begin, end = self.decay
+        return begin + (end - begin) * iteration / max(self.iterations - 1, 1)
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,19 @@ class Beginning:
     colors: NDArray[Any]  # [P, 3] uint8 sRGB
     frames: int  # of the clip, held-out ones too
     pixel: float  # width of a pixel at unit depth
+    times: tuple[float, ...] = ()  # of the training frames, in order
+
+
+@dataclass(frozen=True)
+class Look:
+    """A training view without its picture."""
+
+    t: float
+    camera: Camera
+    background: Tensor  # [3]
+
+
+Looks = Callable[[], list[Look]]  # gathers all training views; asked for rarely
 
 
 @dataclass(frozen=True)
@@ -47,6 +67,7 @@ class UnitEdit:
     keep: Tensor  # [K] int64
     parent: Tensor  # [M] int64
     values: dict[str, Tensor] = field(default_factory=dict)  # [M, ...] by the tensor's name in the state
+    anew: dict[str, Tensor] = field(default_factory=dict)  # [K, ...] of those that stay; their moments begin anew
 
 
 class Method(ABC, Generic[Settings]):
@@ -77,6 +98,14 @@ class Method(ABC, Generic[Settings]):
     def begin_step(self, stage: Stage, iteration: int, model: SceneModel, settings: Settings) -> None:
         """What changes by itself as training goes on; before iteration `iteration` of the stage, from 0."""
 
+    def trained_time(self, stage: Stage, iteration: int, t: float, views: int, settings: Settings) -> float:  # noqa: ARG002
+        """The time in place of `t` at which one of `views` training views is drawn to be learned from."""
+        return t
+
+    def outputs(self, settings: Settings) -> Collection[Output]:  # noqa: ARG002
+        """What growing asks the rasteriser for besides."""
+        return ()
+
     @abstractmethod
     def image_loss(self, rendered: Rendered, target: Tensor, settings: Settings) -> tuple[Tensor, Tensor]:
         """The loss of one view, and its mean squared error. target [H, W, 3]."""
@@ -100,6 +129,15 @@ class Method(ABC, Generic[Settings]):
             pixel: its width at unit depth, model frame.
             generator: on the CPU, so that every device draws alike.
         """
+
+    def revise(self, stage: Stage, done: int, model: SceneModel, settings: Settings, looks: Looks) -> UnitEdit | None:  # noqa: ARG002
+        """What else changes of the units, by a schedule of the method's own; after any growth.
+
+        Args:
+            done: iterations of the stage so far, from 1.
+            looks: every training view.
+        """
+        return None
 
     # The model file: what its header says of the configuration, and how its tensors are called and laid out.
 

@@ -146,7 +146,7 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
         return LoadedModel(
             path=path,
             method=method.name,
-            model=model.to(device).eval(),
+            model=model.to(device).eval().requires_grad_(False),  # it is drawn, not trained
             frame=_frame(header["model_to_world"]),
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),

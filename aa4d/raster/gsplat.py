@@ -22,6 +22,8 @@ def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options:
     rasterization = _load()
     if options.precision != "fast":
         raise ValueError(f"gsplat has no precision {options.precision!r}: use precision='fast' or backend='native'")
+    if "sensitivity" in options.outputs:
+        raise ValueError("gsplat tells no sensitivity: use backend='native'")
     if options.mask_invalid:
         gaussians = _without_invalid(gaussians)
     else:

@@ -19,6 +19,7 @@ def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options:
     count = len(gaussians.means)
     screen = torch.zeros(count)
     screen_absolute = torch.zeros(count) if "absolute_gradient" in options.outputs else None
+    sensitivity = torch.zeros(count) if "sensitivity" in options.outputs else None
     color, alpha, depth, features, radii = _Rasterize.apply(
         gaussians.means,
         gaussians.quaternions,
@@ -32,8 +33,9 @@ def rasterize(gaussians: Gaussians, camera: Camera, background: Tensor, options:
         options,
         screen,
         screen_absolute,
+        sensitivity,
     )
-    return Rendering(color, alpha, depth, radii, screen, screen_absolute, features)
+    return Rendering(color, alpha, depth, radii, screen, screen_absolute, sensitivity, features)
 
 
 def draw(
@@ -103,11 +105,12 @@ class _Rasterize(torch.autograd.Function):
         options: Options,
         screen: Tensor,
         screen_absolute: Tensor | None,
+        sensitivity: Tensor | None,
     ) -> tuple[Tensor | None, ...]:
         inputs = (means, quaternions, scales, opacities, colors, features, background, viewmat)
         plain = [None if tensor is None else _plain(tensor) for tensor in inputs]
         frame, image = draw(Gaussians(*plain[:6]), camera, plain[6], options)  # type: ignore[arg-type]
-        ctx.frame, ctx.screen, ctx.screen_absolute = frame, screen, screen_absolute
+        ctx.frame, ctx.screen, ctx.screen_absolute, ctx.sensitivity = frame, screen, screen_absolute, sensitivity
         ctx.save_for_backward(*plain[:7], image.depth)
         ctx.inputs_like = [None if tensor is None else (tensor.device, tensor.dtype) for tensor in inputs]
         ctx.set_materialize_grads(False)
@@ -153,6 +156,7 @@ class _Rasterize(torch.autograd.Function):
             d_background=background_gradient,
             screen=ctx.screen,
             screen_absolute=ctx.screen_absolute,
+            sensitivity=ctx.sensitivity,
             d_features=gradient.features,
             d_viewmat=viewmat_gradient,
         )
@@ -161,4 +165,4 @@ class _Rasterize(torch.autograd.Function):
             None if tensor is None else tensor.to(*like)
             for tensor, like in zip(gradients, ctx.inputs_like, strict=True)
         ]
-        return *results, None, None, None, None
+        return *results, None, None, None, None, None

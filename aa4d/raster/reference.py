@@ -6,6 +6,7 @@ constants of gsplat.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import torch
@@ -15,7 +16,7 @@ from torch.nn.functional import normalize
 from aa4d.raster.checks import check_gaussians, finite
 from aa4d.raster.constants import DILATION, FRUSTUM_MARGIN, MAX_ALPHA, MIN_COMPENSATION, MIN_QUATERNION_NORM
 from aa4d.raster.cutoffs import CUTOFFS, Cutoffs
-from aa4d.raster.types import Camera, Gaussians, Options, Rendering
+from aa4d.raster.types import Camera, Gaussians, Options, Output, Rendering
 
 _TILE = 32  # pixels; bounds the memory and changes nothing else
 
@@ -37,21 +38,36 @@ class Projected:
 
 
 class ScreenGradient:
-    """Collects the gradients of the projected centres while autograd walks back: see `Rendering`."""
+    """Collects gradients on the screen while autograd walks back: see `Rendering`."""
 
-    def __init__(self, camera: Camera, projected: Projected, count: int, absolute: bool) -> None:
+    def __init__(self, camera: Camera, projected: Projected, count: int, outputs: Collection[Output]) -> None:
         self.norm = projected.centers.new_zeros(count)
-        self.absolute_norm = projected.centers.new_zeros(count) if absolute else None
+        self.absolute_norm = projected.centers.new_zeros(count) if "absolute_gradient" in outputs else None
+        self.sensitivity = projected.centers.new_zeros(count) if "sensitivity" in outputs else None
         self._half = projected.centers.new_tensor([camera.width / 2, camera.height / 2])
         self._index = projected.index
         self._absolute = projected.centers.new_zeros(count, 2)
+        self._squared = projected.centers.new_zeros(count)
         if projected.centers.requires_grad:
             projected.centers.register_hook(self._take_sum)
+        if projected.opacities.requires_grad:
+            projected.opacities.register_hook(self._take_squares)
 
     def watch(self, index: Tensor, centers: Tensor) -> None:
         """Follow the gradient of [P, m, 2], the centres as each pixel sees them."""
         if self.absolute_norm is not None and centers.requires_grad:
             centers.register_hook(lambda grad: self._take_pixels(index, grad))
+
+    def watch_alpha(self, projected: Projected, alpha: Tensor) -> None:
+        """Follow the gradient of alpha [P, m], zero where nothing is added."""
+        if self.sensitivity is None or not alpha.requires_grad:
+            return
+        opacity, added = projected.opacities.detach(), alpha.detach() > 0
+
+        def take(grad: Tensor) -> None:
+            self._squared[projected.index] += torch.where(added, opacity * grad, 0).square().sum(dim=0)
+
+        alpha.register_hook(take)
 
     def _take_pixels(self, index: Tensor, grad: Tensor) -> None:
         self._absolute[index] += grad.abs().sum(dim=0)
@@ -61,6 +77,11 @@ class ScreenGradient:
         if self.absolute_norm is not None:
             self.absolute_norm.copy_((self._absolute * self._half).norm(dim=-1))
             self._absolute.zero_()
+
+    def _take_squares(self, _grad: Tensor) -> None:
+        if self.sensitivity is not None:
+            self.sensitivity.copy_(self._squared)
+            self._squared.zero_()
 
 
 def rasterize(
@@ -72,7 +93,7 @@ def rasterize(
     cutoffs = cutoffs or CUTOFFS[options.precision]
     projected = project(gaussians, camera, options.mode == "antialiased", cutoffs)
     count = len(gaussians.means)
-    screen = ScreenGradient(camera, projected, count, "absolute_gradient" in options.outputs)
+    screen = ScreenGradient(camera, projected, count, options.outputs)
 
     # Everything that is blended, in one tensor: colour, weight, depth, features.
     colors, features = gaussians.colors[projected.index], gaussians.features
@@ -108,6 +129,7 @@ def rasterize(
         radii=radii,
         screen_gradient=screen.norm,
         screen_gradient_absolute=screen.absolute_norm,
+        sensitivity=screen.sensitivity,
         features=None if features is None else image[..., 5:-1],
     )
 
@@ -215,6 +237,8 @@ def blend(
     dx, dy = (pixels[:, None, :] - centers).unbind(-1)
     alpha = projected.opacities * torch.exp(-mahalanobis(projected, dx, dy) / 2)
     alpha = torch.where(alpha >= cutoffs.alpha, alpha.clamp(max=MAX_ALPHA), 0)
+    if screen is not None:
+        screen.watch_alpha(projected, alpha)
     # A sum of logarithms: a product over thousands of opaque layers would fall to zero and take its gradient with it.
     layers = torch.log1p(-alpha)
     behind = torch.cumsum(layers, dim=-1)

@@ -32,7 +32,7 @@ class Camera:
 
 
 # What is drawn or gathered only when it is asked for.
-Output = Literal["depth", "absolute_gradient"]
+Output = Literal["depth", "absolute_gradient", "sensitivity"]
 OUTPUTS: tuple[Output, ...] = get_args(Output)
 
 
@@ -42,7 +42,8 @@ class Options:
 
     `mode`: "antialiased" scales opacity so that the screen's low-pass filter adds none (Mip-Splatting, Yu et al. 2024).
     `precision`: "fast" has gsplat's cut-offs, "exact" far tighter ones: docs/rasteriser.md says what each leaves out.
-    `outputs`: "depth" fills `Rendering.depth`, "absolute_gradient" `Rendering.screen_gradient_absolute`.
+    `outputs`: "depth" fills `Rendering.depth`, "absolute_gradient" `Rendering.screen_gradient_absolute`, "sensitivity"
+        `Rendering.sensitivity`.
     `mask_invalid`: leave out a Gaussian that holds a NaN or an infinity, rather than refuse the scene.
     """
 
@@ -60,7 +61,9 @@ class Rendering:
     `screen_gradient` is filled by the backward pass with the norm of the gradient with respect to the Gaussian's
     projected centre in normalised device units (pixel gradient times width / 2 and height / 2).
     `screen_gradient_absolute` sums each component's absolute value over the pixels first (AbsGS, Ye et al. 2024).
-    A second backward pass overwrites both.
+    `sensitivity` is the sum over pixels of the squared gradient with respect to the Gaussian's falloff there, opacity
+    times that of alpha, whether or not alpha's bound binds; it asks for a gradient of `opacities`.
+    A second backward pass overwrites all three.
     """
 
     color: Tensor  # [H, W, 3], composited over the background
@@ -69,4 +72,5 @@ class Rendering:
     radii: Tensor  # [N] int32, pixels
     screen_gradient: Tensor  # [N]
     screen_gradient_absolute: Tensor | None = None  # [N]; None unless asked for
+    sensitivity: Tensor | None = None  # [N]; likewise
     features: Tensor | None = None  # [H, W, F] sum(w f); None if the Gaussians have none

@@ -37,7 +37,8 @@ class TrainingFrames:
 
     def beginning(self) -> Beginning:
         c = self.capture
-        return Beginning(self.frame.to_model(c.points), c.point_colors, len(c.frames), self.pixel)
+        times = tuple(view.t for view in self.views)
+        return Beginning(self.frame.to_model(c.points), c.point_colors, len(c.frames), self.pixel, times)
 
 
 def training_frames(capture: Capture, device: torch.device) -> TrainingFrames:

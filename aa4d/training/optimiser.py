@@ -70,13 +70,14 @@ def edit_units(model: SceneModel, optimiser: Adam, statistics: Statistics, edit:
     inherited = torch.cat([edit.keep, edit.parent])
     for name in model.unit_tensors():
         old = model.tensor(name)
-        if name in edit.values:
-            value = torch.cat([old.detach()[edit.keep], edit.values[name]])
+        if name in edit.values or name in edit.anew:
+            kept = edit.anew.get(name, old.detach()[edit.keep])
+            value = torch.cat([kept, edit.values.get(name, old.detach()[edit.parent])])
         else:
             value = old.detach()[inherited]
         if isinstance(old, nn.Parameter):
             value = nn.Parameter(value)
-            replace_rows(optimiser, old, value, rows)
+            replace_rows(optimiser, old, value, torch.full_like(rows, -1) if name in edit.anew else rows)
         model.replace_tensor(name, value)
     return statistics.rows(rows)
 

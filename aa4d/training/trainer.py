@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,11 @@ from aa4d.evaluation.image_metrics import decibels
 from aa4d.files import write_text
 from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.methods import method_of
-from aa4d.methods.contract import Stage
+from aa4d.methods.contract import Look, Stage
 from aa4d.methods.model_file import save_model
 from aa4d.methods.rendering import Rendered, render
 from aa4d.methods.settings import RunSettings
+from aa4d.raster.types import Output
 from aa4d.settings.toml import as_toml
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
 from aa4d.training.frames import TrainingFrames, View, training_frames
@@ -223,7 +224,7 @@ class Run:
         """
         stage, model, optimiser, movers = self.schedule[state.stage], state.model, state.optimiser, self.movers
         resting = movers.resting(state.iteration, self.settings.fine_iterations) if movers is not None else ()
-        set_rates(optimiser, state.iteration / max(stage.iterations - 1, 1), resting)
+        set_rates(optimiser, stage.progress(state.iteration), resting)
         self.method.begin_step(stage, state.iteration, model, self.settings)
         drawn, losses, squared_errors = [], [], []
         for index in self._view_indices(stage, state.iteration):
@@ -250,8 +251,10 @@ class Run:
                 poses.fix_gauge()
         if watch:
             watch(optimiser, "a parameter")
-        if stage.changes_units:
-            self._change_units(state, stage, drawn)
+        self._change_units(state, stage, drawn)
+        done = state.iteration + 1
+        if edit := self.method.revise(stage, done, model, self.settings, lambda: self._looks(state)):
+            state.statistics = edit_units(model, optimiser, state.statistics, edit)
         return value, decibels(sum(error.item() for error in squared_errors) / len(squared_errors))
 
     def _view_loss(self, state: TrainingState, stage: Stage, index: int) -> tuple[Rendered, Tensor, Tensor]:
@@ -259,7 +262,9 @@ class Run:
         view, movers = self.frames.views[index], self.movers
         if state.poses is not None:
             view = dataclasses.replace(view, camera=state.poses.camera(index, view.camera))
-        rendered = self._render(state, view)
+        t = self.method.trained_time(stage, state.iteration, view.t, len(self.frames.views), self.settings)
+        outputs = self.method.outputs(self.settings) if self._gathers(stage, state.iteration + 1) else ()
+        rendered = self._render(state, dataclasses.replace(view, t=t), outputs)
         target = view.target()
         if movers is not None and movers.tracks is not None and stage.canonical:
             # Where something moves the static scene is asked for nothing: its own picture has no gradient.
@@ -273,7 +278,7 @@ class Run:
     def _change_units(self, state: TrainingState, stage: Stage, drawn: list[Rendered]) -> None:
         """After the backward pass of the iteration that makes `state.iteration` + 1."""
         d, done, settings = self.settings.densification, state.iteration + 1, self.settings
-        if not d.statistics_from < done <= d.until:
+        if not self._gathers(stage, done):
             return
         for rendered in drawn:
             state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering, len(drawn))
@@ -285,11 +290,24 @@ class Run:
         edit = self.method.edit(state.model, state.statistics, settings, self.frames.pixel, generator)
         state.statistics = edit_units(state.model, state.optimiser, state.statistics, edit)
 
-    def _render(self, state: TrainingState, view: View) -> Rendered:
+    def _gathers(self, stage: Stage, done: int) -> bool:
+        """Whether the iteration that makes `done` of a stage counts for growing."""
+        d = self.settings.densification
+        return stage.changes_units and d.statistics_from < done <= d.until
+
+    def _looks(self, state: TrainingState) -> list[Look]:
+        cameras = [view.camera for view in self.frames.views]
+        if (poses := state.poses) is not None:
+            cameras = [poses.camera(index, camera) for index, camera in enumerate(cameras)]
+        times = [view.t for view in self.frames.views]
+        return [Look(t, camera, self.frames.background) for t, camera in zip(times, cameras, strict=True)]
+
+    def _render(self, state: TrainingState, view: View, outputs: Collection[Output] = ()) -> Rendered:
         try:
             t = None if self.schedule[state.stage].canonical else view.t
             features = None if self.movers is None else self.movers.membership(state.model)
-            return render(state.model, t, view.camera, self.frames.background, unit_features=features)
+            background = self.frames.background
+            return render(state.model, t, view.camera, background, outputs=outputs, unit_features=features)
         except ValueError as error:  # the rasteriser draws no NaN; it names the tensor
             raise NotFinite(f"what it draws ({error})") from None
 

@@ -129,6 +129,14 @@ def test_it_is_exported_in_every_format(run: Path, tmp_path: Path) -> None:
     assert np.isfinite(vertices["x"]).all()
 
 
+def test_what_stands_still_is_exported_too(run: Path, tmp_path: Path) -> None:
+    loaded = load_model(run / "coarse.safetensors")
+    export(Clip(loaded, path_of_frames(loaded, "held-out"), None), "ply", tmp_path, silent)
+    first, last = (PlyData.read(str(path))["vertex"]["x"] for path in sorted(tmp_path.glob("*.ply")))
+    assert len(first)
+    assert np.array_equal(first, last)
+
+
 def test_no_file_outside_of_the_methods_knows_one() -> None:
     """But for what is AdaAnchor4D's own: the paper's ablations, the default of commands, and its benchmark."""
     own = ("experiments/", "commands/", "training/bench.py")

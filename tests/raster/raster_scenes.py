@@ -156,4 +156,6 @@ def assert_matches_reference(
     assert relative_error(image.screen_gradient, truth.screen_gradient) < gradient_tolerance
     if "absolute_gradient" in options.get("outputs", ()):
         assert relative_error(image.screen_gradient_absolute, truth.screen_gradient_absolute) < gradient_tolerance
+    if "sensitivity" in options.get("outputs", ()):
+        assert relative_error(image.sensitivity, truth.sensitivity) < gradient_tolerance
     return image, gradients

@@ -107,7 +107,7 @@ def test_unknown_option_is_refused_with_what_is_known(option: str) -> None:
 
 @pytest.mark.parametrize("outputs", ["depth", ("depth", "normal")])
 def test_unknown_output_is_refused_with_what_is_known(outputs: Any) -> None:
-    with pytest.raises(ValueError, match="expected a collection of depth, absolute_gradient"):
+    with pytest.raises(ValueError, match="expected a collection of depth, absolute_gradient, sensitivity"):
         rasterize(random_gaussians(3), camera(), background=torch.zeros(3), outputs=outputs)
 
 

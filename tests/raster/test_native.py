@@ -8,7 +8,15 @@ from typing import Any
 
 import pytest
 import torch
-from raster_scenes import BACKGROUND, assert_matches_reference, camera, leaves, random_gaussians, straight_camera
+from raster_scenes import (
+    BACKGROUND,
+    assert_matches_reference,
+    camera,
+    leaves,
+    one_gaussian,
+    random_gaussians,
+    straight_camera,
+)
 from raster_scenes import draw as draw_leaves
 
 from aa4d import _native
@@ -27,7 +35,7 @@ def test_matches_reference(seed: int, mode: str) -> None:
 @pytest.mark.parametrize("features", [None, 0, 1, 5, 32])
 def test_extra_outputs_match_reference(features: int | None) -> None:
     gaussians = random_gaussians(100, 7, features=features)
-    assert_matches_reference(gaussians, camera(), outputs=("depth", "absolute_gradient"))
+    assert_matches_reference(gaussians, camera(), outputs=("depth", "absolute_gradient", "sensitivity"))
 
 
 def test_exact_precision_matches_reference() -> None:
@@ -45,13 +53,16 @@ def test_extra_outputs_change_nothing_else() -> None:
     weights = torch.ones(45, 70, 7)
     weights[..., 4:] = 0
     featured = replace(gaussians, features=random_gaussians(300, 2, features=2).features)
-    full, gradients = draw_leaves(featured, camera(), "native", weights, outputs=("depth", "absolute_gradient"))
+    full, gradients = draw_leaves(
+        featured, camera(), "native", weights, outputs=("depth", "absolute_gradient", "sensitivity")
+    )
     assert torch.equal(full.color, plain.color)
     assert torch.equal(full.screen_gradient, plain.screen_gradient)
     assert torch.equal(gradients["scales"], plain_gradients["scales"])
     assert plain.depth is None
     assert plain.features is None
     assert plain.screen_gradient_absolute is None
+    assert plain.sensitivity is None
 
 
 def test_same_bits_for_any_number_of_threads() -> None:
@@ -61,7 +72,9 @@ def test_same_bits_for_any_number_of_threads() -> None:
     try:
         for count in (1, 2, 3, 7):
             torch.set_num_threads(count)
-            image, gradients = draw_leaves(gaussians, cam, "native", outputs=("depth", "absolute_gradient"))
+            image, gradients = draw_leaves(
+                gaussians, cam, "native", outputs=("depth", "absolute_gradient", "sensitivity")
+            )
             results.append([*vars(image).values(), *gradients.values()])
     finally:
         torch.set_num_threads(threads)
@@ -127,7 +140,7 @@ def test_every_instruction_set_agrees(set_name: str, subprocess_python: Any) -> 
         "from aa4d import _native\n"
         f"assert _native.raster.instruction_set() == {set_name!r}\n"
         "gaussians = random_gaussians(150, 4, features=3)\n"
-        "assert_matches_reference(gaussians, camera(), outputs=('depth', 'absolute_gradient'))\n"
+        "assert_matches_reference(gaussians, camera(), outputs=('depth', 'absolute_gradient', 'sensitivity'))\n"
         "layers = one_gaussian(means=[[0, 0, 3 + 1e-3 * i] for i in range(1500)], opacities=[0.05])\n"
         "assert_matches_reference(layers, straight_camera(), 1e-5, 3e-5, outputs=('depth',))\n"
     )
@@ -211,3 +224,15 @@ def test_only_what_asks_for_a_gradient_gets_one() -> None:
         rasterize(inputs, camera(), background=torch.zeros(3)).color.square().sum().backward()
         assert torch.equal(leaf.grad, getattr(everything, name).grad)
         assert sum(t is not None and t.grad is not None for t in vars(inputs).values()) == 1
+
+
+def test_sensitivity_is_squared_pixel_by_pixel() -> None:
+    """Of one Gaussian before a plain background, whose picture is o G (c - background) + background at each pixel."""
+    cam, background, color = straight_camera(), torch.tensor([0.25, 0.5, 0.75]), torch.tensor([0.2, 0.4, 0.6])
+    inputs = leaves(one_gaussian(opacities=[0.5]), torch.float32)
+    image = rasterize(inputs, cam, background=background, outputs=("sensitivity",))
+    image.color.sum().backward()
+    pixels = int((image.alpha > 0).sum())
+    expected = pixels * (0.5 * (color - background).sum()) ** 2
+    assert pixels > 20
+    torch.testing.assert_close(image.sensitivity, expected[None], rtol=1e-4, atol=0)

@@ -105,7 +105,7 @@ void backward(SavedFrame& saved, const raster::Scene& scene, int threads, const 
               const std::optional<Maps>& features, const Vectors3& d_means, const Vectors4& d_quaternions,
               const Vectors3& d_scales, const Values& d_opacities, const Vectors3& d_colors,
               const Array<float, 3>& d_background, const Values& screen, const std::optional<Values>& screen_absolute,
-              const std::optional<Rows>& d_features, const std::optional<Array<float, 4, 4>>& d_viewmat) {
+              const std::optional<Values>& sensitivity, const std::optional<Rows>& d_features, const std::optional<Array<float, 4, 4>>& d_viewmat) {
   require(scene.count == saved.frame->count, "these are not the Gaussians that were drawn");
   const raster::ImageGradient image = {pointer(color), pointer(alpha), pointer(depth), pointer(depth_value),
                                        pointer(features)};
@@ -118,6 +118,7 @@ void backward(SavedFrame& saved, const raster::Scene& scene, int threads, const 
   gradient.background = d_background.data();
   gradient.screen = screen.data();
   gradient.screen_absolute = pointer(screen_absolute);
+  gradient.sensitivity = pointer(sensitivity);
   gradient.features = features ? pointer(d_features) : nullptr;
   gradient.viewmat = pointer(d_viewmat);
   raster::Settings settings = saved.settings;
@@ -154,8 +155,8 @@ void bind_raster(nb::module_& m) {
         "features"_a.none(), "radii"_a);
   m.def("backward", &backward, "frame"_a, "scene"_a, "threads"_a, "color"_a.none(), "alpha"_a.none(), "depth"_a.none(),
         "depth_value"_a.none(), "features"_a.none(), "d_means"_a, "d_quaternions"_a, "d_scales"_a, "d_opacities"_a,
-        "d_colors"_a, "d_background"_a, "screen"_a, "screen_absolute"_a.none(), "d_features"_a.none(),
-        "d_viewmat"_a.none());
+        "d_colors"_a, "d_background"_a, "screen"_a, "screen_absolute"_a.none(), "sensitivity"_a.none(),
+        "d_features"_a.none(), "d_viewmat"_a.none());
   m.def("arithmetic", &arithmetic, "backward"_a, "pairs"_a, "threads"_a);
   m.def("instruction_set", [] { return raster::kernels().name; });
   m.def("constants", [] {

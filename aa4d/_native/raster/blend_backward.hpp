@@ -69,7 +69,7 @@ class BackwardBatch {
   int ends_[kSplats + 1] = {};
 };
 
-// kExtras: whether there is more than the gradient of colour: depth, features, absolute sums.
+// kExtras: whether there is more than the gradient of colour: depth, features, absolute or squared sums.
 template <bool kExtras>
 std::uint32_t backward_tile(const BackwardTile& tile) {
   const TileList& list = tile.list;
@@ -89,7 +89,7 @@ std::uint32_t backward_tile(const BackwardTile& tile) {
       const std::size_t slot = list.entries[place].slot;
       Float sum_red = zero, sum_green = zero, sum_blue = zero, sum_depth = zero;
       Float sum_v = zero, sum_vu = zero, sum_vw = zero, sum_vuu = zero, sum_vuw = zero, sum_vww = zero;
-      Float sum_absolute_vu = zero, sum_absolute_vy = zero;
+      Float sum_absolute_vu = zero, sum_absolute_vy = zero, sum_squared = zero;
       if constexpr (kExtras) {
         for (int c = 0; c < list.feature_count; ++c) zero.store(sum_features[c]);
       }
@@ -148,6 +148,10 @@ std::uint32_t backward_tile(const BackwardTile& tile) {
               sum_absolute_vu = sum_absolute_vu + abs(vu);
               sum_absolute_vy = sum_absolute_vy + abs(fma(Float(view.l21), vu, Float(view.l22) * vw));
             }
+            if (tile.squared) {
+              const Float added = zero_unless(adds, alpha_gradient);
+              sum_squared = fma(added, added, sum_squared);
+            }
           }
         }
       }
@@ -157,6 +161,7 @@ std::uint32_t backward_tile(const BackwardTile& tile) {
                               sum_vuu, sum_vuw,   sum_vww,  sum_depth, sum_absolute_vu, sum_absolute_vy};
       sum_each(sums, reinterpret_cast<float*>(&tile.gradients[slot]));
       if constexpr (kExtras) {
+        if (tile.squared) tile.gradients[slot].squared = sum(sum_squared);
         for (int c = 0; c < list.feature_count; ++c) {
           tile.feature_gradients[slot * list.feature_count + c] = sum(Float::load(sum_features[c]));
         }

@@ -37,7 +37,8 @@ struct alignas(64) SplatGradient {
   float v, vu, vw, vuu, vuw, vww;       // moments of v in the splat's (u, w) frame
   float depth;
   float absolute_vu, absolute_vy;       // sums of |v u| and of |v (l21 u + l22 w)|
-  float unused[4];
+  float squared;                        // sum of (dL/d(alpha))^2
+  float unused[3];
 };
 static_assert(sizeof(SplatGradient) == 64);
 

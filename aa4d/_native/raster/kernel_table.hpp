@@ -15,8 +15,8 @@ inline void forward(const ForwardTile& tile) {
 }
 
 inline std::uint32_t backward(const BackwardTile& tile) {
-  return tile.depth || tile.list.feature_count || tile.absolute ? backward_tile<true>(tile)
-                                                                : backward_tile<false>(tile);
+  return tile.depth || tile.list.feature_count || tile.absolute || tile.squared ? backward_tile<true>(tile)
+                                                                                : backward_tile<false>(tile);
 }
 
 inline constexpr Kernels kKernels = {

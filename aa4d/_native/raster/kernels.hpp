@@ -42,6 +42,7 @@ struct BackwardTile {
   float* transmittance;        // in: behind the last contribution
   float* behind;               // in: dL/d(ln transmittance) of what lies behind everything
   bool absolute;               // whether SplatGradient's absolute sums are wanted
+  bool squared;                // whether its sum of squares is
   SplatGradient* gradients;    // by slot
   float* feature_gradients;    // [slots, F]
 };

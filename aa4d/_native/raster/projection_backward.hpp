@@ -7,7 +7,7 @@ namespace aa4d::raster::AA4D_ARCH {
 
 // The sums of kLanes Gaussians over their slots; zero for those that touch no tile.
 struct SplatSums {
-  Doubles color[3], v, vu, vw, vuu, vuw, vww, depth, absolute_vu, absolute_vy;
+  Doubles color[3], v, vu, vw, vuu, vuw, vww, depth, absolute_vu, absolute_vy, squared;
   Longs touched;
 
   void gather(const Frame& frame, std::size_t begin, std::size_t end) {
@@ -26,7 +26,8 @@ struct SplatSums {
       }
     }
     Doubles* const fields[] = {color, color + 1, color + 2, &v,     &vu,          &vw,
-                               &vuu,  &vuw,      &vww,      &depth, &absolute_vu, &absolute_vy};
+                               &vuu,  &vuw,      &vww,      &depth, &absolute_vu, &absolute_vy,
+                               &squared};
     for (std::size_t k = 0; k < sizeof fields / sizeof *fields; ++k) {
       for (int i = 0; i < kLanes; ++i) (*fields[k])[i] = sums[i][k];
     }
@@ -137,6 +138,7 @@ inline void project_backward(const ProjectionRange& range, const Frame& frame, c
     const Doubles screen = square_root(screen_x * screen_x + screen_y * screen_y);
     const Doubles absolute_x = half_width * kUnwhitening * p.l11 * s.absolute_vu;
     const Doubles absolute_y = half_height * kUnwhitening * s.absolute_vy;
+    const Doubles opacity = p.opacity * p.compensation, squared = opacity * opacity * s.squared;
     const Doubles absolute = square_root(absolute_x * absolute_x + absolute_y * absolute_y);
 
     for (int i = 0; i < kLanes && begin + i < range.end; ++i) {
@@ -151,6 +153,7 @@ inline void project_backward(const ProjectionRange& range, const Frame& frame, c
       out.opacities[g] = touched ? static_cast<float>(d.opacity[i]) : 0.0f;
       out.screen[g] = touched ? static_cast<float>(screen[i]) : 0.0f;
       if (out.screen_absolute) out.screen_absolute[g] = touched ? static_cast<float>(absolute[i]) : 0.0f;
+      if (out.sensitivity) out.sensitivity[g] = touched ? static_cast<float>(squared[i]) : 0.0f;
       for (int k = 0; k < features && out.features; ++k) {
         double sum = 0;
         for (std::uint32_t slot = frame.slots[g].begin; slot < frame.slots[g].end; ++slot) {

@@ -129,7 +129,7 @@ void draw_tile(const Scene& scene, const Settings& settings, Frame& frame, std::
 }
 
 void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, std::size_t tile,
-                   const ImageGradient& image, bool absolute) {
+                   const ImageGradient& image, const SceneGradient& wanted) {
   const int feature_count = image.features ? scene.feature_count : 0;
   Plane color[3], depth, depth_value, behind, transmittance, features[kMaxFeatures];
   const float* const left = frame.transmittance.data() + tile * kTilePixels;
@@ -193,7 +193,8 @@ void tile_backward(const Scene& scene, const Settings& settings, Frame& frame, s
   work.features = features[0].pixel;
   work.transmittance = transmittance.pixel;
   work.behind = behind.pixel;
-  work.absolute = absolute;
+  work.absolute = wanted.screen_absolute != nullptr;
+  work.squared = wanted.sensitivity != nullptr;
   work.gradients = frame.gradients.data();
   work.feature_gradients = frame.feature_gradients.data();
   const std::uint32_t end = kernels().backward_tile(work);
@@ -270,7 +271,7 @@ void render_backward(const Scene& scene, const Settings& settings, Frame& frame,
   frame.feature_gradients.resize_discarding(image.features ? frame.entries.size() * scene.feature_count : 0);
   frame.partial_sums.resize_discarding(std::max(tiles * 3, chunks * kPoseSums));
   parallel_for(settings.threads, tiles, [&](std::size_t tile) {
-    tile_backward(scene, settings, frame, tile, image, gradient.screen_absolute != nullptr);
+    tile_backward(scene, settings, frame, tile, image, gradient);
   });
   add_up(frame.partial_sums.data(), tiles, 3, gradient.background);
   parallel_for(settings.threads, chunks, [&](std::size_t chunk) {

@@ -27,7 +27,7 @@ struct Scene {
   float background[3];
 };
 
-// Where the gradients of the inputs go; laid out like the inputs. The last four may be null.
+// Where the gradients of the inputs go; laid out like the inputs. The last five may be null.
 struct SceneGradient {
   float* means;
   float* quaternions;
@@ -37,6 +37,7 @@ struct SceneGradient {
   float* background;       // [3]
   float* screen;           // [N] norm of the gradient of the projected centre, in normalised device units
   float* screen_absolute;  // [N] the same with every pixel's share taken absolutely
+  float* sensitivity;      // [N] sum over pixels of (opacity dL/d(alpha))^2
   float* features;
   float* viewmat;          // [4, 4]
 };

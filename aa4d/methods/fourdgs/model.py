@@ -35,7 +35,7 @@ class FourDGS(GaussianModel):
             groups["deformation"] = [p for module in deforming for p in module.parameters()]
         return groups
 
-    def deformed(self, rows: GaussianRows, t: float) -> GaussianRows:
+    def deformed(self, rows: GaussianRows, t: float, index: Tensor | None = None) -> GaussianRows:  # noqa: ARG002
         place = rows.position if self.config.learn_lookup else rows.position.detach()
         features = look_up(self.field.in_order(), self.field.normalise(place), t, None)
         z = torch.relu(self.encoder(features))

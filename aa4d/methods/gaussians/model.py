@@ -57,8 +57,8 @@ class GaussianModel(SceneModel):
         self.register_buffer("degree", torch.zeros((), dtype=torch.int64))
 
     @abstractmethod
-    def deformed(self, rows: GaussianRows, t: float) -> GaussianRows:
-        """The same Gaussians at t in [0, 1]."""
+    def deformed(self, rows: GaussianRows, t: float, index: Tensor | None = None) -> GaussianRows:
+        """The same Gaussians, those at `index` [M] or all, at t in [0, 1]."""
 
     def __len__(self) -> int:
         return len(self.free.rows().position)
@@ -73,7 +73,7 @@ class GaussianModel(SceneModel):
     def gaussians(self, t: float | None, camera: Camera, visible: Tensor | None = None) -> Gaussians:
         rows = self.free.rows(visible)
         if t is not None:
-            rows = self.deformed(rows, t)
+            rows = self.deformed(rows, t, visible)
         eye = -camera.viewmat[:3, :3].T @ camera.viewmat[:3, 3]
         coefficients = torch.cat([rows.sh_constant, rows.sh_rest], dim=1)
         direction = F.normalize(rows.position - eye, dim=1)
