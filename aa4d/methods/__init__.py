@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
     "fourdgs": "aa4d.methods.fourdgs",
+    "modec": "aa4d.methods.modec",
 }
 DEFAULT = "adaanchor4d"
 

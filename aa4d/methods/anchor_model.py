@@ -5,10 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import fields
 
+import numpy as np
+import torch
 from torch import Tensor
 
-from aa4d.anchors.canonical import AnchorRows, Anchors
+from aa4d.anchors.canonical import AnchorRows, Anchors, spacing, voxel_centres
 from aa4d.anchors.decoding import AnchorState, Decoder
+from aa4d.methods.contract import Beginning
 from aa4d.methods.scene_model import SceneModel
 from aa4d.motion.groups import Groups, carry
 from aa4d.raster.types import Camera, Gaussians
@@ -89,3 +92,10 @@ class AnchorModel(SceneModel):
 def camera_center(camera: Camera) -> Tensor:
     """-R^T T, [3]."""
     return -camera.viewmat[:3, :3].T @ camera.viewmat[:3, 3]
+
+
+def initial_places(beginning: Beginning, voxel: float) -> tuple[Tensor, Tensor]:
+    """One anchor for each occupied voxel of edge `voxel` (model units): its centre [N, 3] and log spacing [N, 6]."""
+    centers = voxel_centres(beginning.points, voxel)
+    scale = spacing(centers, floor=1e-3 * voxel)
+    return torch.from_numpy(centers).float(), torch.from_numpy(np.log(scale)).float()[:, None].repeat(1, 6)
