@@ -22,6 +22,7 @@ class Anchors(nn.Module):
 
     position: Tensor  # [N, 3] model frame, or the frame of the anchor's group (aa4d/motion/groups.py)
     group: Tensor | None  # [N] int64, -1 for the world; None where nothing rides
+    dynamics: nn.Parameter | None  # [N, 2] logits of MoDec-GS's gates
 
     def __init__(
         self,

@@ -114,6 +114,7 @@ PRESETS = {
             statistics_from=100, start=300, until=1800, voxel_factor=4, seen_share=0.7, min_opacity=0.01
         ),
         model=ModelConfig(still_start=True),
+        local_field=FieldConfig(width=64),  # each Gaussian asks these networks
     ),
     "standard": ModecSettings(
         preset="standard",
