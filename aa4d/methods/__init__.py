@@ -17,6 +17,7 @@ METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
     "fourdgs": "aa4d.methods.fourdgs",
     "modec": "aa4d.methods.modec",
+    "sfgs": "aa4d.methods.sfgs",
 }
 DEFAULT = "adaanchor4d"
 

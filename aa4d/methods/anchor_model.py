@@ -11,7 +11,9 @@ from torch import Tensor
 
 from aa4d.anchors.canonical import AnchorRows, Anchors, spacing, voxel_centres
 from aa4d.anchors.decoding import AnchorState, Decoder
+from aa4d.kernels.image_loss import image_loss
 from aa4d.methods.contract import Beginning
+from aa4d.methods.rendering import Rendered
 from aa4d.methods.scene_model import SceneModel
 from aa4d.motion.groups import Groups, carry
 from aa4d.raster.types import Camera, Gaussians
@@ -99,3 +101,12 @@ def initial_places(beginning: Beginning, voxel: float) -> tuple[Tensor, Tensor]:
     centers = voxel_centres(beginning.points, voxel)
     scale = spacing(centers, floor=1e-3 * voxel)
     return torch.from_numpy(centers).float(), torch.from_numpy(np.log(scale)).float()[:, None].repeat(1, 6)
+
+
+def loss_with_volume(rendered: Rendered, target: Tensor, dssim: float, volume: float) -> tuple[Tensor, Tensor]:
+    """Scaffold-GS's loss of an image: L1, D-SSIM, and the drawn Gaussians' mean volume; and the mean squared error."""
+    loss, squared_error = image_loss(rendered.rendering.color, target, dssim)
+    drawn = (rendered.rendering.radii > 0).float()
+    x, y, z = rendered.gaussians.scales.unbind(1)  # the gradient of prod() takes ten times as long
+    mean = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
+    return loss + volume * mean, squared_error

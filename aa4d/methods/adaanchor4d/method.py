@@ -12,13 +12,12 @@ from torch import Tensor
 from aa4d.anchors.canonical import Anchors
 from aa4d.anchors.densification import Statistics
 from aa4d.field.planes import regularisation
-from aa4d.kernels.image_loss import image_loss
 from aa4d.methods.adaanchor4d import files
 from aa4d.methods.adaanchor4d.growth import grow_and_prune
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D, blank_model, embeddings_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.adaanchor4d.warping import density_adaptive_boundaries
-from aa4d.methods.anchor_model import initial_places
+from aa4d.methods.anchor_model import initial_places, loss_with_volume
 from aa4d.methods.contract import Beginning, Method, Stage, UnitEdit
 from aa4d.methods.rendering import Rendered
 from aa4d.methods.scene_model import SceneModel
@@ -72,12 +71,7 @@ class AdaAnchor4DMethod(Method[AdaAnchor4DSettings]):
             )
 
     def image_loss(self, rendered: Rendered, target: Tensor, settings: AdaAnchor4DSettings) -> tuple[Tensor, Tensor]:
-        weights, rendering = settings.loss, rendered.rendering
-        loss, squared_error = image_loss(rendering.color, target, weights.dssim)
-        drawn = (rendering.radii > 0).float()
-        x, y, z = rendered.gaussians.scales.unbind(1)  # the gradient of prod() takes ten times as long
-        volume = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
-        return loss + weights.volume * volume, squared_error
+        return loss_with_volume(rendered, target, settings.loss.dssim, settings.loss.volume)
 
     def penalty(self, stage: Stage, model: SceneModel, settings: AdaAnchor4DSettings) -> Tensor | None:
         assert isinstance(model, AdaAnchor4D)
