@@ -22,16 +22,20 @@ def viewmat(centre: NDArray[np.float64]) -> NDArray[np.float64]:
     return matrix
 
 
-def square_centre(t: float) -> NDArray[np.float64]:
-    return np.array([-6 + 12 * t, 1.0])
+def square_centre(t: float, travel_m: float = 12.0) -> NDArray[np.float64]:
+    return np.array([travel_m * (t - 0.5), 1.0])
 
 
 def ground_color(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([0.5 + 0.3 * np.sin(0.6 * x), 0.5 + 0.3 * np.cos(0.5 * y), 0.4 + 0 * x], axis=-1)
 
 
-def write_toy_capture(folder: Path, frames: int = 10) -> Path:
-    """Frames, truth and points of the toy scene as docs/formats.md has it; returns `folder`."""
+def write_toy_capture(folder: Path, frames: int = 10, travel_m: float = 12.0) -> Path:
+    """Frames, truth and points of the toy scene as docs/formats.md has it; the square travels so far.
+
+    Returns:
+        `folder`.
+    """
     (folder / "frames").mkdir(parents=True)
     (folder / "truth").mkdir()
     K = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
@@ -43,7 +47,7 @@ def write_toy_capture(folder: Path, frames: int = 10) -> Path:
         centre = np.array([-2 + 4 * t, 0.0, ALTITUDE_M])
         x = centre[0] + (columns - WIDTH / 2) / FOCAL * ALTITUDE_M
         y = centre[1] - (rows - HEIGHT / 2) / FOCAL * ALTITUDE_M
-        square = np.abs(np.stack([x, y], -1) - square_centre(t)).max(-1) < 1.5
+        square = np.abs(np.stack([x, y], -1) - square_centre(t, travel_m)).max(-1) < 1.5
         color = np.where(square[..., None], [0.9, 0.1, 0.1], ground_color(x, y))
         Image.fromarray((color * 255).round().astype(np.uint8)).save(folder / f"frames/{i:06}.png")
         np.savez_compressed(
@@ -51,7 +55,7 @@ def write_toy_capture(folder: Path, frames: int = 10) -> Path:
             depth_z=np.full((HEIGHT, WIDTH), ALTITUDE_M, np.float32),
             instance_id=square.astype(np.uint32),
         )
-        poses[i, 0, :2, 3] = square_centre(t)
+        poses[i, 0, :2, 3] = square_centre(t, travel_m)
         index.append(
             {
                 "name": f"{i:06}",

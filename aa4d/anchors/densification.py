@@ -158,7 +158,7 @@ def _empty_voxels(
 ) -> Growth:
     """Voxels of `size` [D] that hold candidates and no anchor, strongest candidate first."""
     anchor, offset = candidates.nonzero(as_tuple=True)
-    strength, order = gradient[anchor, offset].sort(descending=True, stable=True)
+    order = gradient[anchor, offset].argsort(descending=True, stable=True)
     anchor, cells = anchor[order], torch.round(centres[anchor, offset][order] / size)
     taken_cells, wanted = torch.round(occupied / size), cells
     if group is not None and groups_of_occupied is not None:

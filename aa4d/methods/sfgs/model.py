@@ -68,7 +68,7 @@ class Sfgs(SceneModel):
 
     def gaussians(self, t: float | None, camera: Camera, visible: Tensor | None = None) -> TimedGaussians:
         seconds = None if t is None else t * float(self.clip_s)
-        return self.decoder(self.anchors.rows(visible), camera_center(camera), seconds)  # type: ignore[no-any-return]
+        return self.decoder(self.anchors.rows(visible), camera_center(camera), seconds)
 
     def resting(self, t: float | None) -> Tensor:  # noqa: ARG002, an anchor stands still
         return self.anchors.position[:, :3]
