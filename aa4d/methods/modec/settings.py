@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Literal
 
 from aa4d.methods.adaanchor4d.settings import Densification
 from aa4d.methods.settings import CommonRates, Decay, RunSettings
-from aa4d.settings.allowed import Count, NotNegative, Pixels, Range, Width
+from aa4d.settings.allowed import Count, NotNegative, Pixels, Positive, Range, Share, Width
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +30,15 @@ class Rates(CommonRates):
     decoder_opacity: Decay = Decay(0.002, 2e-5)  # [MoDec-GS base]
     decoder_color: Decay = Decay(0.008, 5e-5)  # [MoDec-GS base]
     decoder_covariance: Decay = Decay(0.004, 0.004)  # [MoDec-GS base]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Growth(Densification):
+    """Growing and pruning of anchors, all [Scaffold-GS] unless marked; thresholds as of steps with one view."""
+
+    gradient_threshold: Positive = 8e-4  # [MoDec-GS base, split-cookie] of the screen-space gradient
+    seen_share: Share = 0.7  # [MoDec-GS base] of an interval's views, before a statistic counts
+    min_opacity: Share = 0.01  # [MoDec-GS base, split-cookie] mean sum over an anchor's Gaussians, below which it goes
 
 
 @dataclass(frozen=True)
@@ -50,7 +59,7 @@ class FieldConfig:
     """Planes and the width of what they feed."""
 
     plane_dim: Width = 16  # [MoDec-GS base]
-    spatial_resolutions: tuple[Width, ...] = (64, 128)  # [MoDec-GS base] cells a side, one a level
+    spatial_resolutions: tuple[Width, ...] = (64, 128)  # [MoDec-GS base, split-cookie] cells a side, one a level
     temporal_resolution: Width | None = None  # rows along t; None: by the number of frames
     width: Width = 128  # [MoDec-GS base] of encoder and heads
 
@@ -78,11 +87,7 @@ class ModecSettings(RunSettings):
     voxel_px: Pixels = 5.0  # [chosen] edge of the finest anchor voxel, in pixels at unit depth
     views_per_step: Count = 4  # [MoDec-GS base] that an iteration looks at
     rates: Rates = field(default_factory=Rates)
-    densification: Densification = field(
-        default_factory=lambda: Densification(
-            gradient_threshold=8e-4, seen_share=0.7, min_opacity=0.01
-        )  # [MoDec-GS base]
-    )
+    densification: Growth = field(default_factory=Growth)
     loss: LossWeights = field(default_factory=LossWeights)
     model: ModelConfig = field(default_factory=ModelConfig)
     global_field: FieldConfig = field(
@@ -110,9 +115,8 @@ PRESETS = {
             geometry=Decay(1.6e-3, 1.6e-4),
             deformation=Decay(1.6e-3, 1.6e-4),
         ),
-        densification=Densification(
-            statistics_from=100, start=300, until=1800, voxel_factor=4, seen_share=0.7, min_opacity=0.01
-        ),
+        # Growth has a tenth of the occasions: it listens to a quarter of the gradient.
+        densification=Growth(statistics_from=100, start=300, until=1800, voxel_factor=4, gradient_threshold=2e-4),
         model=ModelConfig(still_start=True),
         local_field=FieldConfig(width=64),  # each Gaussian asks these networks
     ),
@@ -126,15 +130,7 @@ PRESETS = {
             geometry=Decay(1.6e-3, 1.6e-4),
             deformation=Decay(5e-4, 1.6e-4),
         ),
-        densification=Densification(
-            statistics_from=200,
-            start=600,
-            until=6000,
-            voxel_factor=8,
-            gradient_threshold=4e-4,
-            seen_share=0.7,
-            min_opacity=0.01,
-        ),
+        densification=Growth(statistics_from=200, start=600, until=6000, voxel_factor=8, gradient_threshold=4e-4),
         model=ModelConfig(still_start=True),
     ),
     "paper": BASE,
