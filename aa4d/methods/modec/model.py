@@ -91,6 +91,13 @@ class Modec(AnchorModel):
             gaussians = self.lgd(gaussians, t)
         return replace(gaussians, scales=gaussians.scales.abs())
 
+    def centers(self, t: float | None) -> Tensor:
+        """As of every method of anchors; an anchor goes along with what the local field does to the place it is at."""
+        centers = super().centers(t)
+        if t is None or not isinstance(self.lgd, GaussianDeformation):
+            return centers
+        return centers + self.lgd.head_position(self.lgd.features(centers, t))
+
     def set_box(self, points: Tensor) -> None:
         """The planes cover the points [P, 3] that training begins with."""
         for field in self.fields():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -13,7 +12,7 @@ from aa4d.field.mlp import TwoLayer, evaluate_together
 from aa4d.methods.sfgs.settings import ModelConfig
 from aa4d.raster.types import Gaussians
 
-FARTHEST = 100.0  # lives from its moment, where nothing of a Gaussian is left, and no power overflows
+GONE = 30.0  # the exponent beyond which a Gaussian fades no more: 1e-13 is left, and no number is denormal, thus slow
 
 
 @dataclass(frozen=True)
@@ -51,12 +50,6 @@ class Decoder4D(nn.Module):
         self.covariance = TwoLayer(c.feature_dim, c.decoder_hidden, 8 * c.offsets)
         self.velocity = TwoLayer(c.feature_dim, c.decoder_hidden, 3 * c.offsets, zero_output=c.still_start)
 
-    def start_with_life(self, seconds: float) -> None:
-        """Let Gaussians fade after about so long, to begin with."""
-        rate = 1 / seconds
-        with torch.no_grad():  # the inverse of 1 + ELU
-            self.covariance.output.bias.view(-1, 8)[:, 3] += math.log(rate) if rate < 1 else rate - 1
-
     def forward(self, a: AnchorRows4D, camera_center: Tensor, seconds: float | None) -> TimedGaussians:
         """N anchors -> N * K Gaussians, those of an anchor together, at a time; for `seconds` = None as if they lasted
         and stood still.
@@ -66,12 +59,12 @@ class Decoder4D(nn.Module):
         opacity, covariance, velocity = evaluate_together((self.opacity, self.covariance, self.velocity), a.feature)
         shares, life, quaternions = covariance.unflatten(1, (-1, 8)).split([3, 1, 4], dim=2)
         means, moment = a.moments().split([3, 1], dim=2)
-        lasting, rate = torch.tanh(opacity).clamp_min(0), 1 + F.elu(life[..., 0])
+        lasting, rate = torch.tanh(opacity).clamp_min(0), 1 + F.elu(life[..., 0])  # a network that says nothing: 1 s
         fade = torch.ones_like(lasting)
         if seconds is not None:
             ahead = moment - seconds
             means = means + self.velocity_of(velocity) * ahead
-            fade = torch.exp(-(ahead[..., 0] * rate).abs().clamp(max=FARTHEST).pow(self.beta))
+            fade = torch.exp(-(ahead[..., 0] * rate).abs().clamp(max=GONE ** (1 / self.beta)).pow(self.beta))
         largest = a.log_scale[:, None, 4:].exp()
         return TimedGaussians(
             means=means.flatten(0, 1),

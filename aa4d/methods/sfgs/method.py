@@ -21,7 +21,6 @@ from aa4d.methods.sfgs.model import Anchors4D, Sfgs, blank_model
 from aa4d.methods.sfgs.settings import PRESETS, ModelConfig, SfgsSettings
 from aa4d.methods.tensors import tensor_of
 
-PUBLISHED_LIFE_S = 1.0  # of a Gaussian whose network says nothing: 1 + ELU(0) fades in a second
 LARGEST_BETA = 16
 
 
@@ -49,9 +48,7 @@ class SfgsMethod(Method[SfgsSettings]):
         position = torch.cat([place, moment], dim=1)
         duration = torch.full_like(moment, frame_s * settings.densification.cell_frames).log()
         log_scale = torch.cat([log_scale[:, :3], duration, log_scale[:, 3:]], dim=1)
-        model = Sfgs(c, Anchors4D(position, log_scale, c.offsets, c.feature_dim), clip_s, frame_s)
-        model.decoder.start_with_life(PUBLISHED_LIFE_S if c.initial_life is None else c.initial_life * clip_s)
-        return model
+        return Sfgs(c, Anchors4D(position, log_scale, c.offsets, c.feature_dim), clip_s, frame_s)
 
     def blank(self, settings: SfgsSettings, units: int) -> Sfgs:
         return blank_model(settings.model, units)

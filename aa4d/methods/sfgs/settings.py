@@ -48,7 +48,6 @@ class ModelConfig:
     decoder_hidden: Width = 32  # [4D-SFGS]
     beta: Annotated[float, Range(1, 16)] = 4.0  # [4D-SFGS] exponent of fading: larger ones make it more sudden
     fastest: Positive = 1.0  # [4D-SFGS] bound of each component of a velocity, model units a second
-    initial_life: Positive | None = None  # [chosen] until a Gaussian has faded, in clips; None: 4D-SFGS's one second
     still_start: bool = False  # [chosen] velocities start at zero, where those of 4D-SFGS start at random
 
 
@@ -64,14 +63,14 @@ class SfgsSettings(RunSettings):
 
 
 PRESETS = {
-    # A tenth of the paper's iterations. Most of a drone's picture stands still: it starts as if it lasted for ever.
+    # A tenth of the paper's iterations: velocities learn faster, and start from none.
     "quick": SfgsSettings(
         preset="quick",
         coarse_iterations=800,
         fine_iterations=3000,
         rates=Rates(decoder_velocity=Decay(3e-3, 1e-3)),
         densification=Growth(statistics_from=100, start=300, until=1800, voxel_factor=4),
-        model=ModelConfig(initial_life=1.0, still_start=True),
+        model=ModelConfig(still_start=True),
     ),
     "standard": SfgsSettings(
         preset="standard",
@@ -79,7 +78,7 @@ PRESETS = {
         fine_iterations=12_000,
         rates=Rates(decoder_velocity=Decay(2e-3, 1e-3)),
         densification=Growth(statistics_from=200, start=600, until=6000, voxel_factor=8),
-        model=ModelConfig(initial_life=1.0, still_start=True),
+        model=ModelConfig(still_start=True),
     ),
     "paper": SfgsSettings(preset="paper", coarse_iterations=3000, fine_iterations=30_000),
 }

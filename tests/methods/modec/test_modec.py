@@ -192,3 +192,15 @@ def test_a_new_anchor_has_gates_of_its_own_and_the_interval_counts_views() -> No
     assert len(edit.parent)
     assert torch.equal(edit.values["anchors.dynamics"], torch.zeros(len(edit.parent), 2))
     assert not len(after(60).parent)
+
+
+def test_an_anchor_goes_where_both_deformations_take_its_place() -> None:
+    model = random_model()
+    with torch.no_grad():
+        for parameter in (model.anchors.offset, model.decoder.opacity.output.weight):
+            parameter.zero_()  # the first Gaussian is its anchor's own place
+        model.gad.head_offset.output.weight.zero_()
+        model.gad.head_offset.output.bias.zero_()
+        centers, means = model.centers(0.3), model.gaussians(0.3, camera()).means[::2]
+    assert torch.allclose(centers, means)
+    assert torch.equal(model.centers(None), model.anchors.position)

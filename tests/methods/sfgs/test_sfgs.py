@@ -129,7 +129,7 @@ def test_far_from_its_moment_nothing_is_left_and_every_gradient_is_finite() -> N
         model.anchors.position[:, 3] = 1e12
     gaussians = model.gaussians(0.5, camera())
     gaussians.opacities.sum().backward()
-    assert gaussians.opacities.abs().max() == 0
+    assert gaussians.opacities.max() < 1e-12
     assert all(torch.isfinite(p.grad).all() for p in model.parameters() if p.grad is not None)
 
 
