@@ -114,15 +114,6 @@ def test_an_anchor_moves_as_its_gaussians_in_the_mean() -> None:
         assert torch.equal(model.centers(None), model.anchors.position[:, :3])
 
 
-def test_gaussians_begin_with_the_life_that_is_asked_for() -> None:
-    for seconds in (0.4, 1.0, 30.0):
-        model = random_model()
-        torch.nn.init.zeros_(model.decoder.covariance.output.weight)
-        torch.nn.init.zeros_(model.decoder.covariance.output.bias)
-        model.decoder.start_with_life(seconds)
-        assert torch.allclose(model.gaussians(0.3, camera()).rate, torch.tensor(1 / seconds, dtype=torch.float64))
-
-
 def test_far_from_its_moment_nothing_is_left_and_every_gradient_is_finite() -> None:
     model = random_model()
     with torch.no_grad():
@@ -225,7 +216,3 @@ def test_anchors_begin_all_over_the_clip() -> None:
     assert 0 <= moments.min() < 0.4
     assert 3.6 < moments.max() <= 4
     assert float(model.frame_s) == pytest.approx(0.5)
-    with torch.no_grad():
-        assert model.gaussians(0.5, Camera(torch.eye(4), torch.eye(3), 8, 8)).rate.mean() == pytest.approx(
-            0.25, rel=0.2
-        )
