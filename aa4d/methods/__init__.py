@@ -17,6 +17,8 @@ METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
     "d3dgs": "aa4d.methods.d3dgs",
     "fourdgs": "aa4d.methods.fourdgs",
+    "modec": "aa4d.methods.modec",
+    "sfgs": "aa4d.methods.sfgs",
     "speede": "aa4d.methods.speede",
 }
 DEFAULT = "adaanchor4d"

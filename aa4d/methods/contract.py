@@ -44,6 +44,7 @@ class Beginning:
     points: NDArray[Any]  # [P, 3] float64
     colors: NDArray[Any]  # [P, 3] uint8 sRGB
     frames: int  # of the clip, held-out ones too
+    seconds: float  # from the first frame to the last
     pixel: float  # width of a pixel at unit depth
     times: tuple[float, ...] = ()  # of the training frames, in order
 
@@ -113,6 +114,16 @@ class Method(ABC, Generic[Settings]):
     def penalty(self, stage: Stage, model: SceneModel, settings: Settings) -> Tensor | None:  # noqa: ARG002
         """What a step pays besides, whatever it shows."""
         return None
+
+    def observe(
+        self,
+        statistics: Statistics,
+        rendered: Rendered,
+        views: int,
+        settings: Settings,  # noqa: ARG002
+    ) -> None:
+        """Note of a view what units come and go by, after the backward pass of a step of so many views."""
+        statistics.add(rendered.visible, rendered.gaussians, rendered.rendering, views)
 
     @abstractmethod
     def edit(

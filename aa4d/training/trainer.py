@@ -281,7 +281,7 @@ class Run:
         if not self._gathers(stage, done):
             return
         for rendered in drawn:
-            state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering, len(drawn))
+            self.method.observe(state.statistics, rendered, len(drawn), settings)
         if done <= d.start or done % d.interval:
             return
         # The stage and the iteration make the random choices, so that a checkpoint keeps none.

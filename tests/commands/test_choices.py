@@ -18,6 +18,7 @@ REGISTRIES = [
     ("train", "aa4d.methods", "METHODS"),
     ("train", "aa4d.methods.adaanchor4d.settings", "PRESETS"),
     ("train", "aa4d.methods.fourdgs.settings", "PRESETS"),
+    ("train", "aa4d.methods.modec.settings", "PRESETS"),
     ("train", "aa4d.motion.sources", "SOURCES"),
     ("train", "aa4d.device", "DEVICES"),
     ("capture", "aa4d.capture.settings", "PRESETS"),
