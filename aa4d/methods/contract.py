@@ -53,6 +53,7 @@ class Method(ABC, Generic[Settings]):
     """One entry of `aa4d.methods.METHODS`. Settings are the method's own dataclass; nothing here keeps any state."""
 
     name: str
+    title: str = ""  # as its publication calls it, where that is not `name`
     presets: Mapping[str, Settings]
 
     @abstractmethod
