@@ -132,9 +132,9 @@ def _pictures(capture: Capture, trials: list[Trial], titles: dict[str, str], out
             panels.append(Panel(titles[trial.label], drawn, _note(trial, frame.name)))
         named, seed = capture.folder.resolve().name, trials[0].seed
         caption = f"{named}, held-out frame {frame.name} at {frame.time_s:.2f} s, seed {seed}"
-        name = f"{PICTURES}/{named}-{frame.name}.png"
+        name = f"{PICTURES}/{named}-{frame.name}.jpg"
         with whole_file(out / name) as temporary:
-            compose(panels, crops_of(capture, index), caption).save(temporary, format="PNG")
+            compose(panels, crops_of(capture, index), caption).save(temporary, format="JPEG", quality=92, subsampling=0)
         names.append(name)
     return names
 

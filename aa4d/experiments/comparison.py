@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from aa4d import methods
 from aa4d.errors import InputError
 from aa4d.experiments.variants import Experiment, Variant
-from aa4d.methods import DEFAULT, METHODS, method_of, presets_of
+from aa4d.methods import DEFAULT, METHODS, presets_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import MotionSettings, with_iterations
 
@@ -21,7 +22,7 @@ def title_of(entry: str) -> str:
     """As a table and a picture call an entry."""
     if entry == TRACKED:
         return f"{title_of(DEFAULT)} + tracks"
-    return method_of(entry).title or entry
+    return methods.title_of(entry)
 
 
 def comparison_of(names: tuple[str, ...]) -> Experiment:

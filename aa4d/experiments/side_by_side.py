@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
 from aa4d.capture.reader import Capture, read_image
-from aa4d.capture.truth import boxes_of, instance_ids_of, moving_mask
+from aa4d.capture.truth import boxes_of, instance_ids_of, moving_mask, object_tracks
 
 Picture = NDArray[np.uint8]  # [H, W, 3]
 Window = tuple[int, int, int, int]  # left, top, right, bottom, pixels
@@ -49,10 +49,10 @@ def frames_to_show(capture: Capture, count: int) -> list[int]:
 
 
 def crops_of(capture: Capture, index: int, count: int = CROPS) -> list[Window]:
-    """Windows around the largest things that move in a frame, of one size, none over another's vehicle.
+    """Windows around what moves most in a frame, of one size, none over another.
 
-    Things are the truth's moving instances, annotated boxes that hold moving pixels, or patches of the mask of movers.
-    Those that the frame's edge cuts come last.
+    What moves is an instance of the truth, an annotated box that holds moving pixels, or a patch of the mask of movers;
+    it moves most by its visible pixels times its speed, where that is known. What the frame's edge cuts comes last.
     """
     width, height = capture.camera.width, capture.camera.height
     things = _moving_things(capture, index)
@@ -69,24 +69,37 @@ def crops_of(capture: Capture, index: int, count: int = CROPS) -> list[Window]:
 
 
 def _moving_things(capture: Capture, index: int) -> list[Window]:
-    """Boxes of what moves in a frame, the one with most moving pixels first."""
+    """Boxes of what moves in a frame, the one that moves most first."""
     moving = moving_mask(capture, index)
     if moving is None or not moving.any():
         return []
     ids, boxes = instance_ids_of(capture, index), boxes_of(capture)
-    found: list[tuple[int, Window]] = []
+    found: list[tuple[float, Window]] = []
     if ids is None and boxes is not None:
         for left, top, right, bottom in boxes.box_px[boxes.frame == index].round().astype(int).tolist():
-            found.append((int(moving[top:bottom, left:right].sum()), (left, top, right, bottom)))
+            if (pixels := int(moving[top:bottom, left:right].sum())) >= SMALLEST_PX:
+                found.append((pixels, (left, top, right, bottom)))
     else:
         labels = ndimage.label(moving)[0] if ids is None else np.where(moving, ids, 0)
-        labels = np.unique(labels, return_inverse=True)[1].reshape(labels.shape)  # from 0, without gaps
-        for number, place in enumerate(ndimage.find_objects(labels), 1):
-            rows, columns = place
-            window = (columns.start, rows.start, columns.stop, rows.stop)
-            found.append((int((labels[place] == number).sum()), window))
-    found.sort(key=lambda entry: -entry[0])
-    return [window for pixels, window in found if pixels >= SMALLEST_PX]
+        names, labels = np.unique(labels, return_inverse=True)
+        labels = labels.reshape(moving.shape) + (names[0] != 0)  # from 1, without gaps; 0 is what stands still
+        speed = {} if ids is None else _travel(capture, index)
+        for number, (rows, columns) in enumerate(ndimage.find_objects(labels), 1):
+            pixels = int((labels[rows, columns] == number).sum())
+            if pixels >= SMALLEST_PX:
+                name = int(names[number - (names[0] != 0)])
+                found.append((pixels * speed.get(name, 1.0), (columns.start, rows.start, columns.stop, rows.stop)))
+    return [window for _, window in sorted(found, key=lambda entry: -entry[0])]
+
+
+def _travel(capture: Capture, index: int) -> dict[int, float]:
+    """How far each instance goes from the frame before to the one after, in metres."""
+    tracks = object_tracks(capture)
+    if tracks is None:
+        return {}
+    before, after = max(index - 1, 0), min(index + 1, len(capture.frames) - 1)
+    way = tracks.object_to_world[after, :, :3, 3] - tracks.object_to_world[before, :, :3, 3]
+    return dict(zip(tracks.instance_id.tolist(), np.linalg.norm(way, axis=1).tolist(), strict=True))
 
 
 def _around(thing: Window, size: tuple[int, int], width: int, height: int) -> Window:
@@ -124,8 +137,9 @@ def compose(panels: Sequence[Panel], crops: Sequence[Window], caption: str) -> I
         draw.text((left + PANEL_WIDTH, top + 25), panel.note, FAINT, _font(17), anchor="rs")
         top += TITLE
         if panel.picture is None:
-            draw.rectangle((left, top, left + PANEL_WIDTH - 1, top + frame_height - 1), (240, 241, 243))
-            middle = (left + PANEL_WIDTH // 2, top + frame_height // 2)
+            below = panel_height - TITLE
+            draw.rectangle((left, top, left + PANEL_WIDTH - 1, top + below - 1), (240, 241, 243))
+            middle = (left + PANEL_WIDTH // 2, top + below // 2)
             draw.text(middle, "no result", FAINT, _font(20), anchor="mm")
             continue
         picture = Image.fromarray(panel.picture)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
     "fourdgs": "aa4d.methods.fourdgs",
+    "morel": "aa4d.methods.morel",
 }
 DEFAULT = "adaanchor4d"
 
@@ -32,6 +34,11 @@ def presets_of(name: str) -> Mapping[str, RunSettings]:
     """The `PRESETS` of a folder's module `settings`, which needs no torch; `name` is one of `METHODS`."""
     presets: Mapping[str, RunSettings] = import_module(f"{METHODS[name]}.settings").PRESETS
     return presets
+
+
+def title_of(name: str) -> str:
+    """As publications call a method: what the docstring of its folder begins with, up to a bracket or a colon."""
+    return re.split(r"\s*[(:]", import_module(METHODS[name]).__doc__ or name)[0]
 
 
 def preset_names() -> tuple[str, ...]:

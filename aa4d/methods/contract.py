@@ -28,6 +28,10 @@ class Stage:
     canonical: bool = False  # nothing moves: drawn at no time
     views_per_step: int = 1
     changes_units: bool = True  # units come and go
+    times: tuple[tuple[float, float], ...] = ()  # spans of t whose frames it looks at; of all, where none is given
+
+    def looks_at(self, t: float) -> bool:
+        return not self.times or any(start <= t <= end for start, end in self.times)
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,6 @@ class Method(ABC, Generic[Settings]):
     """One entry of `aa4d.methods.METHODS`. Settings are the method's own dataclass; nothing here keeps any state."""
 
     name: str
-    title: str = ""  # as its publication calls it, where that is not `name`
     presets: Mapping[str, Settings]
 
     @abstractmethod

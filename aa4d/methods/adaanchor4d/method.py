@@ -27,7 +27,6 @@ from aa4d.methods.settings import temporal_resolution
 
 class AdaAnchor4DMethod(Method[AdaAnchor4DSettings]):
     name = AdaAnchor4DSettings.method
-    title = "AdaAnchor4D"
     presets = PRESETS
 
     def resolved(self, settings: AdaAnchor4DSettings, frames: int) -> AdaAnchor4DSettings:

@@ -30,7 +30,6 @@ MAX_LEVELS = 8
 
 class FourDGSMethod(Method[FourDGSSettings]):
     name = FourDGSSettings.method
-    title = "4D-GS"
     presets = PRESETS
 
     def resolved(self, settings: FourDGSSettings, frames: int) -> FourDGSSettings:
