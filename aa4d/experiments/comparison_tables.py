@@ -229,7 +229,8 @@ def _page(comparison: Comparison, means: list[Mean], pooled: list[Mean], picture
     )
     parts = ["# Comparison of methods\n", f"`{c['command']}`\n", equal, cost]
     if len(comparison.captures) > 1 and pooled:
-        parts += [f"## {POOLED[0].upper()}{POOLED[1:]}\n", as_markdown(table_of(comparison, pooled, _placed))]
+        means_of = "Mean over the captures, for each score over those that have it.\n"
+        parts += [f"## {POOLED[0].upper()}{POOLED[1:]}\n", means_of, as_markdown(table_of(comparison, pooled, _placed))]
     for capture in comparison.captures:
         here = [mean for mean in means if mean.capture == capture]
         lines = table_of(comparison, here, _placed)

@@ -11,7 +11,7 @@ from aa4d.files import whole_file
 UP = tuple(score for score in QUALITY if score.key in ("psnr", "psnr_dynamic"))
 ACROSS = tuple(score for key in ("minutes", "fps", "total_mib") for score in COST if score.key == key)
 LABELS = {"minutes": "training, minutes", "fps": "frames a second", "total_mib": "model file, MiB"}
-MARKERS = "oDv^<>PXhd"
+MARKERS = "oDv^<>sXhd"
 
 
 def front(points: list[tuple[float, float]], good: int) -> list[int]:
@@ -62,6 +62,7 @@ def plot_pareto(comparison: Comparison, path: Path) -> None:
 
 def _panel(axes: object, comparison: Comparison, means: list[Mean], quality: Score, cost: Score) -> None:
     from matplotlib.axes import Axes
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     assert isinstance(axes, Axes)
     there = [mean for mean in means if {quality.key, cost.key} <= mean.spreads.keys()]
@@ -79,10 +80,14 @@ def _panel(axes: object, comparison: Comparison, means: list[Mean], quality: Sco
             fmt="*" if is_default else MARKERS[number % len(MARKERS)],
             markersize=15 if is_default else 8,
             markeredgecolor="white",
-            color=f"C{number}",
+            color="black" if is_default else f"C{number}",
             elinewidth=1,
             label=comparison.titles[mean.entry] + (" (default)" if is_default else ""),
             zorder=3 if is_default else 2,
         )
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.margins(x=0.12)
     axes.grid(alpha=0.25, which="both")

@@ -144,10 +144,13 @@ class MoRel(SceneModel):
     def gaussians(self, t: float | None, camera: Camera, visible: Tensor | None = None) -> Gaussians:
         a, eye = self.anchors.rows(visible), camera_center(camera)
         key = self.key if visible is None else self.key[visible]
-        if t is None or self.phase < Phase.WINDOWS:
-            gaussians = self.decoder(AnchorState(a.position, a.feature, a.offset, a.log_scale.exp()), eye)
-        else:
-            gaussians = self.decoder(self.deformed(a, key, t), eye)
+        # Once blending is learned, nothing else learns: no gradient is to go farther than the weights.
+        with torch.set_grad_enabled(torch.is_grad_enabled() and int(self.phase) != Phase.BLENDED):
+            if t is None or self.phase < Phase.WINDOWS:
+                state = AnchorState(a.position, a.feature, a.offset, a.log_scale.exp())
+            else:
+                state = self.deformed(a, key, t)
+            gaussians = self.decoder(state, eye)
         weight = self.weights(key, t, visible)
         return replace(gaussians, opacities=gaussians.opacities * weight.repeat_interleave(self.per_unit))
 
