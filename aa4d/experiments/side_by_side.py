@@ -18,7 +18,6 @@ Picture = NDArray[np.uint8]  # [H, W, 3]
 Window = tuple[int, int, int, int]  # left, top, right, bottom, pixels
 
 CROPS = 2  # of a frame
-COLUMNS = 3
 PANEL_WIDTH = 480  # pixels of the composed picture; its other sizes follow from it
 GAP, MARGIN, TITLE = 6, 18, 34
 SMALLEST_PX = 20  # visible pixels of a vehicle that is worth a crop
@@ -49,7 +48,7 @@ def frames_to_show(capture: Capture, count: int) -> list[int]:
 
 
 def crops_of(capture: Capture, index: int, count: int = CROPS) -> list[Window]:
-    """Windows around what moves most in a frame, of one size, none over another.
+    """Windows around what moves most in a frame, of one size, none over another; a single one is wide.
 
     What moves is an instance of the truth, an annotated box that holds moving pixels, or a patch of the mask of movers;
     it moves most by its visible pixels times its speed, where that is known. What the frame's edge cuts comes last.
@@ -65,6 +64,8 @@ def crops_of(capture: Capture, index: int, count: int = CROPS) -> list[Window]:
         window = _around(thing, size, width, height)
         if len(chosen) < count and not any(_overlap(window, other) for other in chosen):
             chosen.append(window)
+    if len(chosen) == 1:  # in the place of all
+        return [_around(chosen[0], (min(count * across, width), size[1]), width, height)]
     return sorted(chosen)
 
 
@@ -114,14 +115,14 @@ def _overlap(a: Window, b: Window) -> bool:
 
 
 def compose(panels: Sequence[Panel], crops: Sequence[Window], caption: str) -> Image.Image:
-    """One picture: `COLUMNS` panels a row, each the whole frame over its crops, framed in the same colors."""
+    """One picture of all panels, each the whole frame over its crops, framed in the same colors."""
     shown = next(panel.picture for panel in panels if panel.picture is not None)
     height, width = shown.shape[:2]
     frame_height = round(PANEL_WIDTH * height / width)
-    crop_width = (PANEL_WIDTH - GAP * (CROPS - 1)) // CROPS
-    crop_height = round(crop_width / ASPECT) if crops else 0
+    crop_height = round((PANEL_WIDTH - GAP) / CROPS / ASPECT) if crops else 0
+    crop_width = (PANEL_WIDTH - GAP * (len(crops) - 1)) // max(len(crops), 1)
     panel_height = TITLE + frame_height + (GAP + crop_height if crops else 0)
-    columns = min(COLUMNS, len(panels))
+    columns = _columns(len(panels))
     rows = -(-len(panels) // columns)
     size = (
         2 * MARGIN + columns * PANEL_WIDTH + (columns - 1) * MARGIN,
@@ -156,6 +157,11 @@ def compose(panels: Sequence[Panel], crops: Sequence[Window], caption: str) -> I
             draw.rectangle((x, top, x + crop_width - 1, top + crop_height - 1), outline=color, width=3)
     draw.text((MARGIN, size[1] - MARGIN - 4), caption, FAINT, _font(17), anchor="ls")
     return sheet
+
+
+def _columns(panels: int) -> int:
+    """Three or four panels a row, whichever leaves fewer places empty; few panels are two a row."""
+    return 2 if panels in (2, 4) else min((3, 4), key=lambda columns: -panels % columns)
 
 
 def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont:
