@@ -62,12 +62,14 @@ def compare(
         return comparison
 
     with experiment_progress() as bar:
-        outcome = run_experiment(experiment, trials, out, jobs, bar, lambda found: write(found, ()))
+        # Their speed is left out until it has been measured for all alike.
+        outcome = run_experiment(experiment, trials, out, jobs, bar, lambda found: write(_untimed(found), ()))
     with claimed(out, "comparing"):
         finished = [trial for trial in trials if trial.name not in outcome.failures]
         with step_progress("timing") as progress:
             speeds = time_runs(finished, threads, progress)
-        rows = [row | speeds[trial.name] for trial, row in zip(finished, outcome.rows, strict=True)]
+        timed = zip(finished, _untimed(outcome).rows, strict=True)
+        rows = [row | speeds[trial.name] for trial, row in timed]
         first = [trial for trial in trials if trial.seed == settings.seed]
         pictures = [name for capture in captures for name in _pictures(capture, first, titles, outcome, out)]
         comparison = write(replace(outcome, rows=rows), tuple(pictures))
@@ -92,6 +94,11 @@ def _captures(folders: tuple[Path, ...]) -> list[Capture]:
                 raise InputError(f'{folder}: has no frame to {purpose} (split "{split}")')
         captures.append(capture)
     return captures
+
+
+def _untimed(outcome: Outcome) -> Outcome:
+    rows = [{key: value for key, value in row.items() if key not in ("fps", "fps_cached")} for row in outcome.rows]
+    return replace(outcome, rows=rows)
 
 
 def _threads() -> int:
