@@ -29,12 +29,16 @@ class Stage:
     canonical: bool = False  # nothing moves: drawn at no time
     views_per_step: int = 1
     changes_units: bool = True  # units come and go
+    times: tuple[tuple[float, float], ...] = ()  # spans of t whose frames it looks at; of all, where none is given
     decay: tuple[float, float] = (0.0, 1.0)  # how far the learning rates' decay is at its first and last iteration
 
     def progress(self, iteration: int) -> float:
         """Of the learning rates' decay at an iteration, from 0."""
         begin, end = self.decay
         return begin + (end - begin) * iteration / max(self.iterations - 1, 1)
+
+    def looks_at(self, t: float) -> bool:
+        return not self.times or any(start <= t <= end for start, end in self.times)
 
 
 @dataclass(frozen=True)

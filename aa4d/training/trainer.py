@@ -312,12 +312,14 @@ class Run:
             raise NotFinite(f"what it draws ({error})") from None
 
     def _view_indices(self, stage: Stage, iteration: int) -> list[int]:
-        """The views of a step: every view once an epoch, in an order drawn from (seed, stage, epoch)."""
-        count, chosen = len(self.frames.views), []
+        """The views of a step: every view of the stage once an epoch, in an order drawn from (seed, stage, epoch)."""
+        usable = [i for i, view in enumerate(self.frames.views) if stage.looks_at(view.t)]
+        usable = usable or list(range(len(self.frames.views)))  # a clip may be too short to have any there
+        count, chosen = len(usable), []
         for number in range(iteration * stage.views_per_step, (iteration + 1) * stage.views_per_step):
             epoch, position = divmod(number, count)
             order = np.random.default_rng([self.settings.seed, stage.draws, epoch]).permutation(count)
-            chosen.append(int(order[position]))
+            chosen.append(usable[order[position]])
         return chosen
 
     def _save(self, state: TrainingState, history: History) -> None:

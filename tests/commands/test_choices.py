@@ -32,6 +32,7 @@ REGISTRIES = [
     ("ablate", "aa4d.experiments.variants", "ABLATIONS"),
     ("ablate", "aa4d.methods.adaanchor4d.settings", "PRESETS"),
     ("sweep", "aa4d.experiments.variants", "SWEEPS"),
+    ("compare", "aa4d.methods", "METHODS"),
     ("sweep", "aa4d.methods.adaanchor4d.settings", "PRESETS"),
     ("synth", "aa4d.commands.synth", "COMMANDS"),
     ("bench", "aa4d.commands.bench", "COMMANDS"),
@@ -65,6 +66,10 @@ def test_a_new_entry_is_a_choice(
         (["render", "x", "--layers", "color", "dept"], "--layers dept: must be one of color, .*; did you mean depth?"),
         (["export", "x", "--format", "usdc"], "--format usdc: must be one of ply, .*; did you mean usd?"),
         (["eval", "x", "--lpips", "alexnet"], "--lpips alexnet: must be one of .*; did you mean alex?"),
+        (
+            ["compare", "x", "--out", "y", "--methods", "fourdg"],
+            "--methods fourdg: must be one of .*; did you mean fourdgs?",
+        ),
         (["sweep", "gama", "x", "--out", "y"], "sweep gama: must be one of .*; did you mean gamma?"),
         (["capture", "x", "--out", "y", "--preset", "slow"], "--preset slow: must be one of fast, accurate$"),
     ],
