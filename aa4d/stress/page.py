@@ -49,7 +49,14 @@ def as_markdown(outcomes: Sequence[Outcome]) -> str:
         ]
         for outcome in own:
             case = outcome.case
-            cells = (case.name, case.why, case.done, number(outcome.error), number(case.bound), f"{outcome.seconds:.2f}")
+            cells = (
+                case.name,
+                case.why,
+                case.done,
+                number(outcome.error),
+                number(case.bound),
+                f"{outcome.seconds:.2f}",
+            )
             lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 

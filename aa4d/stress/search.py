@@ -43,6 +43,7 @@ def search_for(searches: Sequence[Search], seed: int, seconds: float, told: Call
 def run_search(search: Search, seed: int, seconds: float) -> Finding:
     from hypothesis import HealthCheck, Phase, given, settings
     from hypothesis import seed as with_seed
+    from hypothesis.errors import UnsatisfiedAssumption
 
     tried, worst = 0, 0.0
     failure: tuple[Any, float, str] | None = None
@@ -52,6 +53,8 @@ def run_search(search: Search, seed: int, seconds: float) -> Finding:
         tried += 1
         try:
             error, reason = float(search.error(value)), ""
+        except UnsatisfiedAssumption:
+            raise
         except Exception as raised:
             error, reason = math.inf, f"{type(raised).__name__}: {raised}"
         if not error <= search.bound:  # NaN as well

@@ -50,7 +50,9 @@ def scores_of_size(size: float) -> float:
     )
 
 
-@PART.case(why="one plane has all the weight, another has none at all", done="weights of exactly one and zero", bound=1e-6)
+@PART.case(
+    why="one plane has all the weight, another has none at all", done="weights of exactly one and zero", bound=1e-6
+)
 def infinite_scores() -> float:
     some, u, scores = planes(), torch.rand(5, 3), torch.zeros(5, 6, 16)
     scores[:, 2], scores[:, 5] = 1e30, -math.inf
@@ -89,7 +91,9 @@ def embeddings_of_size(size: float) -> float:
     return network_error(x, layers(9, 24, 96), 0.3, 1e-30)
 
 
-@PART.case(why="a hidden layer at exactly zero: which side of the ReLU?", done="no gradient at zero, as in torch", bound=1e-6)
+@PART.case(
+    why="a hidden layer at exactly zero: which side of the ReLU?", done="no gradient at zero, as in torch", bound=1e-6
+)
 def hidden_layer_at_zero() -> float:
     network = layers(3, 8, 4)
     with torch.no_grad():

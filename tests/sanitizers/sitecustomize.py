@@ -15,7 +15,9 @@ class Finder:
     """Finds aa4d._native alone."""
 
     @staticmethod
-    def find_spec(name: str, _path: Sequence[str] | None = None, _target: ModuleType | None = None) -> ModuleSpec | None:
+    def find_spec(
+        name: str, _path: Sequence[str] | None = None, _target: ModuleType | None = None
+    ) -> ModuleSpec | None:
         return spec_from_file_location(name, os.environ["AA4D_NATIVE"]) if name == "aa4d._native" else None
 
 
