@@ -155,8 +155,10 @@ class Run:
         self._know_movers(state)
         with stop_requests() as stop_requested:
             self._stage(state, progress, history, stop_requested)
+            history.write(self.steps(state))  # a killed run goes on from the next stage's first checkpoint
             while self._next_stage(state, say):
                 self._stage(state, progress, history, stop_requested)
+                history.write(self.steps(state))
         self._save(state, history)
 
     def _know_movers(self, state: TrainingState) -> None:

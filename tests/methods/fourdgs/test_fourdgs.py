@@ -1,11 +1,15 @@
 """4D-GS's deformation against its formulas, written out in loops."""
 
 import math
+from pathlib import Path
 
+import pytest
 import torch
 from torch import nn
 
+from aa4d.errors import InputError
 from aa4d.kernels.plane_lookup import PLANES
+from aa4d.methods.fourdgs.method import METHOD
 from aa4d.methods.fourdgs.model import FourDGS, blank_model
 from aa4d.methods.fourdgs.settings import ModelConfig
 
@@ -96,3 +100,12 @@ def test_gradients_are_those_of_finite_differences() -> None:
         return after.position, after.log_scale, after.quaternion
 
     assert torch.autograd.gradcheck(moved, (*owned, *shared))
+
+
+@pytest.mark.parametrize("degree", [-1, 4, 10**9])
+def test_harmonics_of_a_degree_that_there_is_not_are_refused(degree: int) -> None:
+    model = random_model(CONFIG)
+    METHOD.check(model, Path("model.safetensors"))
+    model.degree.fill_(degree)
+    with pytest.raises(InputError, match=f"degree is {degree}, expected 0 to 3"):
+        METHOD.check(model, Path("model.safetensors"))
