@@ -20,6 +20,7 @@ from aa4d.commands.evaluate import evaluate
 from aa4d.commands.export import export
 from aa4d.commands.inspect import inspect
 from aa4d.commands.render import render
+from aa4d.commands.stress import stress
 from aa4d.commands.sweep import sweep
 from aa4d.commands.train import train
 from aa4d.errors import InputError, Interrupted
@@ -49,6 +50,7 @@ COMMANDS: dict[str, Command] = {
     "ablate": ablate,
     "sweep": sweep,
     "bench": bench.COMMANDS,
+    "stress": stress,
 }
 ABOUT = {
     "synth": "Render a scene file as a capture, with Blender; or check and measure that. "

@@ -34,6 +34,7 @@ WEIGHTED: dict[str, tuple[str | None, bool]] = {
 }
 AGGREGATIONS = (*WEIGHTED, "mean", "product")
 # docs/formats.md, "What readers refuse": the limits that aa4d holds as well.
+SMALLEST_UNIT_M, LARGEST_UNIT_M = 1e-6, 1e5  # of the scale in `model_to_world`
 WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
 UNIT_TOLERANCE = 1e-3  # of the length of `groups.up`
 UNIFORM_TOLERANCE = 1e-6  # of boundaries without DACW
@@ -149,8 +150,8 @@ def _similarity(value: Any) -> tuple[float, Doubles]:
     expected = np.diag([scale, scale, scale, 1.0])
     expected[:3, 3] = matrix[:3, 3]
     require(
-        scale > 0 and np.array_equal(matrix, expected),
-        "model_to_world must be a positive uniform scale and a translation",
+        SMALLEST_UNIT_M <= scale <= LARGEST_UNIT_M and np.array_equal(matrix, expected),
+        f"model_to_world must be a uniform scale of {SMALLEST_UNIT_M:g} to {LARGEST_UNIT_M:g} and a translation",
     )
     return float(scale), matrix[:3, 3]
 

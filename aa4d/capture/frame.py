@@ -17,6 +17,9 @@ from aa4d.capture.reader import Capture
 from aa4d.errors import InputError
 from aa4d.raster.types import Camera
 
+# Of a unit: what lies outside is no scene, and float32 cameras in such units overflow (docs/formats.md).
+SMALLEST_UNIT_M, LARGEST_UNIT_M = 1e-6, 1e5
+
 
 @dataclass(frozen=True)
 class ModelFrame:
@@ -63,7 +66,7 @@ def frame_of(capture: Capture) -> ModelFrame:
     """Origin: the median point. Unit: the median depth of the points over the training cameras that see them.
 
     Raises:
-        InputError: no training camera sees any point.
+        InputError: no training camera sees any point, or all points lie in its lens.
     """
     depths = []
     for i in capture.of_split("train"):
@@ -80,4 +83,10 @@ def frame_of(capture: Capture) -> ModelFrame:
             f"{capture.folder}: no training camera sees any point of the initial point cloud; are the poses camera to "
             "world, or in OpenGL axes? docs/formats.md says what is expected"
         )
-    return ModelFrame(float(np.median(seen)), np.median(capture.points, axis=0))
+    unit = float(np.median(seen))
+    if not SMALLEST_UNIT_M <= unit <= LARGEST_UNIT_M:
+        raise InputError(
+            f"{capture.folder}: its cameras see the points at {unit:.3g} m, expected {SMALLEST_UNIT_M:g} to "
+            f"{LARGEST_UNIT_M:g} m; scale the scene"
+        )
+    return ModelFrame(unit, np.median(capture.points, axis=0))

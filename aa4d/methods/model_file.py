@@ -17,7 +17,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from aa4d import __version__
-from aa4d.capture.frame import ModelFrame
+from aa4d.capture.frame import LARGEST_UNIT_M, SMALLEST_UNIT_M, ModelFrame
 from aa4d.capture.reader import Capture
 from aa4d.capture.schema import (
     FARTHEST_M,
@@ -262,8 +262,11 @@ def _check_groups(state: dict[str, Tensor], path: Path) -> None:
 def _frame(value: Any) -> ModelFrame:
     """Raises ValueError for anything but a uniform scale and a translation."""
     frame = ModelFrame.from_matrix(np.array(value, np.float64).reshape(4, 4))
-    if not (frame.unit_m > 0 and np.isfinite(frame.matrix()).all() and np.array_equal(frame.matrix(), value)):
-        raise ValueError("model_to_world is not a uniform scale and a translation")
+    is_sane = SMALLEST_UNIT_M <= frame.unit_m <= LARGEST_UNIT_M and np.isfinite(frame.matrix()).all()
+    if not (is_sane and np.array_equal(frame.matrix(), value)):
+        raise ValueError(
+            f"model_to_world is not a uniform scale of {SMALLEST_UNIT_M:g} to {LARGEST_UNIT_M:g} and a translation"
+        )
     return frame
 
 

@@ -96,12 +96,15 @@ class Groups(nn.Module):
 
     @torch.no_grad()
     def bound(self, distance: float, angle: float) -> None:
-        """Take back what learning moved control points by more than `distance` (model units) or `angle` (radians)."""
+        """Take back what learning moved control points by more than `distance` (model units) or `angle` (radians).
+
+        NaN stays NaN, for the watch on what is not finite.
+        """
         # Bounded before it is measured: the square of a huge number overflows.
-        shift = (self.position - self.start[..., :3]).clamp(-1e6, 1e6).nan_to_num()
+        shift = (self.position - self.start[..., :3]).clamp(-1e6, 1e6)
         share = distance / shift.norm(dim=-1, keepdim=True).clamp_min(distance)
         self.position.copy_(torch.where(share < 1, self.start[..., :3] + share * shift, self.position))
-        turn = (self.heading - self.start[..., 3]).nan_to_num()
+        turn = self.heading - self.start[..., 3]
         self.heading.copy_(self.start[..., 3] + turn.clamp(-angle, angle))
 
 

@@ -47,7 +47,9 @@ def density_adaptive_boundaries(
     if not 0 <= lambda_min <= lambda_max <= 1:
         raise ValueError(f"expected 0 <= lambda_min <= lambda_max <= 1, got {lambda_min} and {lambda_max}")
     bin_of = ((u.double().clamp(-1, 1) + 1) * (bins / 2)).long().clamp(max=bins - 1)
-    histogram = F.one_hot(bin_of, bins).sum(0).double() if len(u) else u.new_ones(3, bins).double()
+    # Counted, not one-hot: a row of bins for each anchor would be gigabytes for a million of them.
+    counts = torch.stack([torch.bincount(axis, minlength=bins) for axis in bin_of.T]).double()
+    histogram = counts if len(u) else torch.ones_like(counts)
     mass = _smooth(histogram, smoothing)
     mass = mass / mass.sum(1, keepdim=True)
     # q = (p B)^gamma enters only as q / max q, so it is formed from p / max p: no power of a large number overflows.

@@ -128,7 +128,7 @@ def test_statistics_weigh_a_gaussian_by_what_is_left_of_it_and_by_how_fast_it_fa
     model, visible = random_model(), torch.tensor([0, 2, 3])
     gaussians = model.gaussians(0.37, camera(), visible)
     radii, gradient = torch.tensor([2, 0, 3, 1, 1, 0]), torch.arange(1.0, 7.0)
-    rendering = SimpleNamespace(radii=radii, screen_gradient=gradient)
+    rendering = SimpleNamespace(radii=radii, screen_gradient=gradient, screen_gradient_absolute=None)
     settings = replace(PRESETS["paper"], densification=Growth(gamma=1.5))
     statistics = Statistics.zeros(len(model), 2)
     METHOD.observe(statistics, Rendered(rendering, gaussians, visible), 2, settings)

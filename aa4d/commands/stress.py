@@ -1,0 +1,86 @@
+"""`aa4d stress`: the table of hard cases, and the search for more."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import arg
+
+from aa4d.console import console, step_progress
+from aa4d.errors import InputError
+from aa4d.files import write_text
+from aa4d.settings.checking import one_of
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def stress(
+    part: Annotated[str | None, arg(help="Only this part; without it all of them.")] = None,
+    write: Annotated[Path | None, arg(metavar="PATH", help="Page to write the table to.")] = None,
+    seed: Annotated[int, arg(help="Seed of the search.")] = 0,
+    budget: Annotated[
+        float, arg(metavar="SECONDS", help="Time to search for inputs that break a bound, after the table.")
+    ] = 0.0,
+) -> None:
+    """Run the hard cases: inputs on which digits are lost, and what is done about it.
+
+    The exit code is 1 where an error is over its bound. The cases are in the repository, not in the package.
+    """
+    if not 0 <= budget < 1e6:
+        raise InputError(f"--budget {budget}: must be from 0 to 999999 seconds")
+    if seed < 0:
+        raise InputError(f"--seed {seed}: must be at least 0")
+    if write is not None and not write.parent.is_dir():
+        raise InputError(f"--write {write}: there is no folder {write.parent}")
+    if not (ROOT / "tests" / "hard_cases").is_dir():
+        raise InputError("the hard cases are in the repository: run `aa4d stress` from a checkout (pip install -e .)")
+    sys.path.insert(0, str(ROOT))
+    all_parts = importlib.import_module("tests.hard_cases").PARTS
+    if part is not None and part not in all_parts:
+        raise InputError(f"--part {part}: must be {one_of(all_parts, part)}")
+    names = list(all_parts) if part is None else [part]
+    if not run(names, write) or (budget > 0 and not search(names, seed, budget)):
+        sys.exit(1)
+
+
+def run(names: list[str], write: Path | None) -> bool:
+    """Print, and perhaps write, the table of some parts; True where all pass."""
+    import torch
+
+    from aa4d.stress.page import as_markdown, row, summary
+    from aa4d.stress.runner import run_cases
+
+    torch.set_num_threads(1)  # small problems, which a second thread slows down
+    cases = [case for name in names for case in importlib.import_module(f"tests.hard_cases.{name}").PART.cases]
+    outcomes = []
+    with step_progress("cases") as bar:
+        for outcome in run_cases(cases, bar):
+            outcomes.append(outcome)
+            console.print(row(outcome), highlight=False, soft_wrap=True)
+    console.print(summary(outcomes), highlight=False)
+    if write is not None:
+        write_text(write, as_markdown(outcomes))
+    return all(outcome.passes for outcome in outcomes)
+
+
+def search(names: list[str], seed: int, seconds: float) -> bool:
+    """Look for trouble in some parts, and print what is found; True where nothing is."""
+    from aa4d.stress.search import search_for
+
+    try:
+        searches = importlib.import_module("tests.hard_cases.searches").SEARCHES
+    except ModuleNotFoundError as error:
+        raise InputError(f'--budget: the search needs {error.name}; pip install -e ".[dev]" brings it') from None
+    chosen = [search for name in names for search in searches if search.part == name]
+    nothing = True
+    for finding in search_for(chosen, seed, seconds, lambda line: console.print(line, highlight=False)):
+        its = finding.search
+        console.print(f"  {finding.tried} inputs, worst error {finding.worst:.1e} of {its.bound:.0e}", highlight=False)
+        if finding.example is not None:
+            nothing = False
+            what = f"  FAIL {finding.reason}\n  the smallest input found, of tests/hard_cases/searches.py: "
+            console.print(f"{what}{its.error.__name__}({finding.example!r})", highlight=False, soft_wrap=True)
+    return nothing

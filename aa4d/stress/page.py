@@ -1,0 +1,65 @@
+"""The table of hard cases, for the console and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from aa4d.stress.runner import Outcome
+
+HEAD = """# Hard cases
+
+Inputs on which software of this kind loses digits, divides by zero, hangs or draws something wrong without a word, and
+what this one does with them. Each row is a check that runs: its error is against a float64 reference or a closed form,
+or it is 0 for a refusal in one sentence. The cases are in `tests/hard_cases/`, one file a part; `make test` runs them.
+
+`aa4d stress --write docs/hard-cases.md` wrote this page. `--part NAME` runs one part, `--budget SECONDS` then searches
+for inputs that break a bound and shrinks what it finds (`pip install -e ".[dev]"` brings hypothesis, which it needs).
+`make sanitize` runs the native code's cases under AddressSanitizer and UndefinedBehaviorSanitizer, `make
+sanitize-threads` its thread pool under ThreadSanitizer, and `make fuzz` gives every reader thousands of damaged files.
+"""
+
+
+def row(outcome: Outcome) -> str:
+    """One line for the console."""
+    verdict = "ok  " if outcome.passes else "FAIL"
+    line = (
+        f"{verdict} {outcome.error:8.1e} of {outcome.case.bound:7.0e}  {outcome.seconds:6.2f} s  "
+        f"{outcome.case.part}: {outcome.case.name}"
+    )
+    return line if not outcome.reason else f"{line}\n     {outcome.reason}"
+
+
+def summary(outcomes: Sequence[Outcome]) -> str:
+    failed = sum(not outcome.passes for outcome in outcomes)
+    seconds = sum(outcome.seconds for outcome in outcomes)
+    return f"{len(outcomes)} cases, {failed} failed, {seconds:.0f} s"
+
+
+def as_markdown(outcomes: Sequence[Outcome]) -> str:
+    """The page, a section for each part."""
+    lines = [HEAD, f"{summary(outcomes)} in all."]
+    for part in dict.fromkeys(outcome.case.part for outcome in outcomes):
+        own = [outcome for outcome in outcomes if outcome.case.part == part]
+        lines += [
+            "",
+            f"## {part[0].upper()}{part[1:]}",
+            "",
+            "| case | why it is hard | what is done | worst error | bound | s |",
+            "|---|---|---|---:|---:|---:|",
+        ]
+        for outcome in own:
+            case = outcome.case
+            cells = (
+                case.name,
+                case.why,
+                case.done,
+                number(outcome.error),
+                number(case.bound),
+                f"{outcome.seconds:.2f}",
+            )
+            lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def number(value: float) -> str:
+    return "0" if value == 0 else f"{value:.1e}"
