@@ -22,7 +22,7 @@ from aa4d.capture.settings import Reconstruction
 
 STARTS_DEG = (30.0, 45.0, 75.0, 95.0)  # fields of view across the longest side; the usual guess comes before them
 MOST_PROBED = 24  # frames: enough to see around things, few enough to be mapped several times
-FEWEST_PROBED = 6
+FEWEST_PROBED = 10
 GLOBAL = "global mapper"
 NEARLY_ALL = 0.9  # share of the frames that the most successful try has placed
 AGREEMENT = 0.05  # share by which fields of view may differ, and errors, to be the same
