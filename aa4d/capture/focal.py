@@ -124,11 +124,8 @@ def find_start(
 
 
 def probed_frames(names: list[str], window: int) -> list[str]:
-    """Frames of the middle of the clip, as far apart as the window: such pairs are matched, and twice as far too.
-
-    Of a short clip all frames.
-    """
-    spread = names[:: max(window, 1)] if len(names) > MOST_PROBED else names
+    """Frames of the middle of the clip, at most the window apart: such pairs are matched, and twice as far too."""
+    spread = names[:: max(min(window, len(names) // FEWEST_PROBED), 1)]
     first = max((len(spread) - MOST_PROBED) // 2, 0)
     return spread[first : first + MOST_PROBED]
 
