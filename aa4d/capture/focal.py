@@ -22,7 +22,7 @@ from aa4d.capture.settings import Reconstruction
 
 STARTS_DEG = (30.0, 45.0, 75.0, 95.0)  # fields of view across the longest side; the usual guess comes before them
 MOST_PROBED = 24  # frames: enough to see around things, few enough to be mapped several times
-FEWEST_PROBED = 6
+FEWEST_PROBED = 10
 GLOBAL = "global mapper"
 NEARLY_ALL = 0.9  # share of the frames that the most successful try has placed
 AGREEMENT = 0.05  # share by which fields of view may differ, and errors, to be the same
@@ -124,11 +124,8 @@ def find_start(
 
 
 def probed_frames(names: list[str], window: int) -> list[str]:
-    """Frames of the middle of the clip, as far apart as the window: such pairs are matched, and twice as far too.
-
-    Of a short clip all frames.
-    """
-    spread = names[:: max(window, 1)] if len(names) > MOST_PROBED else names
+    """Frames of the middle of the clip, at most the window apart: such pairs are matched, and twice as far too."""
+    spread = names[:: max(min(window, len(names) // FEWEST_PROBED), 1)]
     first = max((len(spread) - MOST_PROBED) // 2, 0)
     return spread[first : first + MOST_PROBED]
 

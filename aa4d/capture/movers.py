@@ -27,6 +27,8 @@ MIN_MOTION_PX = 12.0  # motion of the background, in those pictures, between the
 FARTHEST = 4  # frames, where the drone is slow
 DISAGREEMENT_PX = 0.9
 INLIER_PX = 0.5  # tolerance of the background's own motion
+CONTRAST_AROUND_PX, LEAST_CONTRAST = 3.0, 4.0  # gray levels, of the picture's second derivative around a pixel
+LEAST_TEXTURED = 0.3  # share of a patch: with less there is nothing whose motion could be measured
 AROUND_PX = 9  # a mask is wider than what was found: blurred outlines belong to the car
 SAMPLES = 4000  # flow vectors that the background's motion is estimated from
 BORDER_SHARE = 0.3  # fraction of a box, on every side: the shadow and the blurred outline belong to the car
@@ -130,7 +132,7 @@ class EpipolarMotion:
             return np.zeros(size[::-1], bool)
         # What one frame hides and the other shows disagrees in one direction only.
         residual = cv2.GaussianBlur(np.minimum.reduce(found), (0, 0), 1.0)
-        moving = without_specks((residual > DISAGREEMENT_PX).astype(np.uint8))
+        moving = without_bare(without_specks((residual > DISAGREEMENT_PX).astype(np.uint8)), self._picture(index))
         around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (AROUND_PX, AROUND_PX))
         full = cv2.resize(cv2.dilate(moving, around), size, interpolation=cv2.INTER_NEAREST)
         return np.asarray(full, bool)
@@ -218,3 +220,13 @@ def without_specks(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     keep = statistics[:, cv2.CC_STAT_AREA] >= max(MIN_PATCH_FRACTION * mask.size, 9)
     keep[0] = False
     return np.asarray(keep[labels] if count > 1 else mask * 0, np.uint8)
+
+
+def without_bare(mask: NDArray[np.uint8], picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Patches of a mask that show something, unlike those of the sky, in which any motion is a guess."""
+    contrast = cv2.GaussianBlur(np.abs(cv2.Laplacian(picture, cv2.CV_32F)), (0, 0), CONTRAST_AROUND_PX)
+    count, labels, statistics, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    textured = np.bincount(labels[contrast > LEAST_CONTRAST], minlength=count)
+    keep = textured >= LEAST_TEXTURED * statistics[:, cv2.CC_STAT_AREA]
+    keep[0] = False
+    return np.asarray(keep[labels], np.uint8)

@@ -117,7 +117,8 @@ def test_a_field_of_view_that_explains_as_much_is_told() -> None:
 def test_the_part_that_is_tried_is_in_the_middle_and_matched() -> None:
     part = probed_frames([str(i) for i in range(150)], 3)
     assert part == [str(i) for i in range(39, 111, 3)]
-    assert probed_frames(NAMES[:20], 3) == NAMES[:20]
+    assert probed_frames(NAMES[:24], 3) == NAMES[:24:2]
+    assert probed_frames(NAMES[:9], 3) == NAMES[:9]
 
 
 def test_frames_that_stand_out_are_found() -> None:

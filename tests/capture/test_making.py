@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import errno
 import json
 import os
@@ -27,11 +28,15 @@ from aa4d.capture.focal import map_globally
 from aa4d.capture.make import make_capture
 from aa4d.capture.orientation import umeyama
 from aa4d.capture.reader import read_capture, read_images
+from aa4d.capture.report import _view
+from aa4d.capture.schema import PinholeCamera
+from aa4d.capture.selection import told
 from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.truth import moving_mask
 from aa4d.capture.workspace import Progress, Workspace
+from aa4d.capture.writing import Cloud
 from aa4d.errors import InputError
 from tests.capture import aerial
 
@@ -239,6 +244,27 @@ def test_what_the_command_tells(made: CaptureSummary, capsys: pytest.CaptureFixt
     assert "next:    aa4d train 'my flight' --out RUN\n" in said
     assert said.count("give --fov") == 1
     assert "pictures of one plane" not in said
+    tell(replace(made, used=4 * made.frames))
+    assert "next:    what the advice says, before you train on it\n" in capsys.readouterr().out
+
+
+def test_many_notes_of_one_kind_are_one() -> None:
+    few, many = ([(f"{i}.jpg", f"damage {i}") for i in range(count)] for count in (3, 31))
+    assert told(few) == [f"{i}.jpg left out: damage {i}" for i in range(3)]
+    assert told(many) == ["31 frames (0.jpg, 1.jpg, ... 30.jpg) left out, the first because: damage 0"]
+
+
+def test_the_reports_view_holds_cloud_and_cameras_in_its_middle() -> None:
+    generator = np.random.default_rng(0)
+    cloud = Cloud(generator.uniform(-5, 5, (2000, 3)), np.zeros((2000, 3), np.uint8), np.ones(2000), np.arange(2000))
+    centers = np.array([[60.0, y, 40.0] for y in np.linspace(-3, 3, 8)])  # all on one side, from far away
+    right, down, ahead = (np.tile(axis, (8, 1)) for axis in np.eye(3))
+    shown = _view(cloud, centers, right, down, ahead, PinholeCamera(320, 240, aerial.K))
+    points, frusta = (np.frombuffer(base64.b64decode(shown[k]), "<f4").reshape(-1, 3) for k in ("points", "frusta"))
+    assert np.linalg.norm(frusta.reshape(8, 5, 3)[:, 0], axis=1).max() <= 1.001
+    assert (np.linalg.norm(points, axis=1) <= 1.001).mean() > 0.9
+    middle = np.median(points, axis=0) + frusta.reshape(8, 5, 3)[:, 0].mean(axis=0)
+    assert np.linalg.norm(middle) < 0.25  # about as far on one side as on the other
 
 
 def test_another_input_or_other_things_in_the_folder_are_refused(
