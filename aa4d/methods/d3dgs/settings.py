@@ -48,7 +48,7 @@ class TimeNoise:
 
 @dataclass(frozen=True)
 class LossWeights:
-    dssim: Share = 0.2  # [D3DGS] of L1 and D-SSIM
+    dssim: Share = 0.2  # [D3DGS] D-SSIM; L1 has the rest
 
 
 @dataclass(frozen=True)
