@@ -1,6 +1,8 @@
 # Two commands do everything: `make demo` runs the main job, `make test` passes the tests. Both make .venv first.
 PYTHON ?= python3.11
 VENV := .venv
+# Processes that share out the test files.
+JOBS ?= 2
 BIN := $(VENV)/bin
 NATIVE := $(shell find aa4d/_native -type f 2>/dev/null)
 
@@ -8,7 +10,7 @@ NATIVE := $(shell find aa4d/_native -type f 2>/dev/null)
 
 help:
 	@echo "make demo       the main job on scenes/crossroads.toml; the result is in demo/"
-	@echo "make test       lint, types and all tests but the slow ones"
+	@echo "make test       lint, types and all tests but the slow ones; JOBS=4 shares them out over more processes"
 	@echo "make test-slow  the slow tests"
 	@echo "make extension  the Blender extension, as a zip in dist/"
 	@echo "make bench-addon  what the extension costs, into dist/bench-addon.json (minutes); MODEL=... adds accuracy"
@@ -27,7 +29,7 @@ demo: $(VENV)/installed
 
 test: lint
 	@echo "== tests"
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" --numprocesses $(JOBS) --dist loadfile
 
 test-slow: $(VENV)/installed
 	$(BIN)/python -m pytest -m slow

@@ -14,6 +14,7 @@ from aa4d import __version__
 from aa4d.commands import bench, synth
 from aa4d.commands.ablate import ablate
 from aa4d.commands.capture import capture
+from aa4d.commands.compare import compare
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
 from aa4d.commands.export import export
@@ -44,6 +45,7 @@ COMMANDS: dict[str, Command] = {
     "render": render,
     "export": export,
     "demo": demo,
+    "compare": compare,
     "ablate": ablate,
     "sweep": sweep,
     "bench": bench.COMMANDS,

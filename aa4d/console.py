@@ -86,10 +86,12 @@ class ExperimentBar:
         self._bar = bar
         self._task: TaskID | None = None
         self._at: dict[str, int] = {}
-        self._runs = self._ended = 0
+        self._runs = self._ended = self._iterations = 0
+        self._started = time.monotonic()
 
     def start(self, trials: int, finished: int, iterations: int) -> None:
-        self._runs, self._ended = trials, finished
+        self._runs, self._ended, self._iterations = trials, finished, iterations
+        self._started = time.monotonic()
         if finished:
             console.print(f"{finished} of {trials} runs were done before", highlight=False)
         self._task = self._bar.add_task("runs", total=iterations, state="")
@@ -104,7 +106,18 @@ class ExperimentBar:
 
     def trial_ended(self, name: str, sentence: str) -> None:
         self._ended += 1
-        console.print(f"{self._ended}/{self._runs}  {name}: {sentence}", highlight=False, soft_wrap=True)
+        line = f"{self._ended}/{self._runs}  {name}: {sentence}"
+        if not console.is_terminal:  # where there is no bar
+            line += self._left()
+        console.print(line, highlight=False, soft_wrap=True)
+
+    def _left(self) -> str:
+        """In minutes, at the mean pace so far; methods differ in theirs."""
+        done = sum(self._at.values())
+        if not done or self._ended == self._runs:
+            return ""
+        seconds = (time.monotonic() - self._started) / done * max(self._iterations - done, 0)
+        return f"  (about {seconds / 60:.0f} min left)"
 
     def _show(self) -> None:
         if self._task is not None:

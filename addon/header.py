@@ -56,6 +56,7 @@ def array(value: Any, shape: tuple[int, ...], name: str) -> Doubles:
 
 def pinhole(value: Any) -> Camera:
     require(value["model"] == "PINHOLE", "camera.model must be PINHOLE")
+    require(set(value) <= {"model", "width", "height", "K"}, "camera must hold model, width, height and K, no more")
     K = array(value["K"], (3, 3), "camera.K")
     expected = np.array([[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]])
     require(
@@ -70,14 +71,15 @@ def poses_and_images(frames: Any) -> tuple[Doubles, tuple[str, ...]]:
     """The poses [frames, 4, 4] and the images of a model's frames."""
     require(isinstance(frames, list) and frames, "frames must be a list of at least one frame")
     names: set[str] = set()
-    times = [-math.inf]
+    times, seconds = [-math.inf], [-math.inf]
     for rank, frame in enumerate(frames):
         name, image = str(frame.get("name", rank)), frame["image"]
         plain = 0 < len(name.encode()) <= LONGEST_NAME and name[0] != "." and not set(name) & set("/\\:\0")
         require(plain and name not in names, f"the name of frame {rank} must be a plain file name of its own")
         inside = isinstance(image, str) and image and not set(image) & set("\\:") and image[0] != "/"
         require(inside and ".." not in image.split("/"), f"image of frame {rank} must be a path in the capture")
-        number(frame["time_s"], f"time_s of frame {rank}")
+        seconds.append(number(frame["time_s"], f"time_s of frame {rank}"))
+        require(seconds[-2] < seconds[-1], f"time_s of frame {rank} must rise")
         times.append(number(frame["t"], f"t of frame {rank}"))
         require(times[-2] < times[-1] and 0 <= times[-1] <= 1, f"t of frame {rank} must rise within [0, 1]")
         require(frame["split"] in ("train", "test"), f"split of frame {rank} must be train or test")

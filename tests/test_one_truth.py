@@ -32,7 +32,7 @@ import synth.traffic.tracks
 import synth.truth.activity
 from aa4d.capture import schema
 from aa4d.capture.schema import PinholeCamera
-from aa4d.capture.sources.posed import read_transforms
+from aa4d.capture.sources.transforms import read_transforms
 from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
 from aa4d.motion.spline import FEWEST_CONTROLS
 from synth.spec import Scene, Time, read_scene
@@ -116,6 +116,6 @@ def test_both_write_the_same_transforms(scene: Scene, tmp_path: Path) -> None:
         np.testing.assert_allclose(frame.pop("transform_matrix"), other.pop("transform_matrix"), atol=1e-12)
     assert json.dumps(ours) == json.dumps(theirs)
     (tmp_path / "transforms.json").write_text(json.dumps(aa4d.capture.writing.transforms(camera, frames)))
-    model = read_transforms(tmp_path / "transforms.json")
+    model = read_transforms(tmp_path / "transforms.json").model
     poses = [model.image(i).cam_from_world().matrix() for i in sorted(model.reg_image_ids())]
     np.testing.assert_allclose(poses, [frame.viewmat[:3] for frame in plan.frames], atol=1e-9)

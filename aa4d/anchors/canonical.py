@@ -11,16 +11,18 @@ from scipy.spatial import KDTree
 from torch import Tensor, nn
 
 EMBEDDINGS = ("embedding_acfa", "embedding_offset", "embedding_scale")
+OPTIONAL = (*EMBEDDINGS, "dynamics")  # what a method may let its anchors own besides
 
 
 class Anchors(nn.Module):
-    """N anchors: centre, feature, K offsets, six log scales and the embeddings of ACFA and DLGD.
+    """N anchors: centre, feature, K offsets, six log scales, and the embeddings or dynamics that a method reads.
 
     Centres are fixed, as in Scaffold-GS: offsets carry the geometry, and the field's query coordinates stay put.
     """
 
     position: Tensor  # [N, 3] model frame, or the frame of the anchor's group (aa4d/motion/groups.py)
     group: Tensor | None  # [N] int64, -1 for the world; None where nothing rides
+    dynamics: nn.Parameter | None  # [N, 2] logits of MoDec-GS's gates
 
     def __init__(
         self,
@@ -33,7 +35,8 @@ class Anchors(nn.Module):
         embeddings: tuple[str, ...] = EMBEDDINGS,
         embedding_std: float = 0.0,
     ) -> None:
-        """`embeddings`: those that the model reads; the others are None. They start at N(0, `embedding_std`)."""
+        """`embeddings`: those of `OPTIONAL` that the model reads, all `embedding_dim` wide; the others are None. They
+        start at N(0, `embedding_std`)."""
         super().__init__()
         n = len(position)
         self.register_buffer("position", position)
@@ -41,7 +44,7 @@ class Anchors(nn.Module):
         self.feature = nn.Parameter(torch.zeros(n, feature_dim))
         self.offset = nn.Parameter(torch.zeros(n, offsets, 3))
         self.log_scale = nn.Parameter(log_scale)
-        for name in EMBEDDINGS:
+        for name in OPTIONAL:
             owned = nn.Parameter(embedding_std * torch.randn(n, embedding_dim)) if name in embeddings else None
             self.register_parameter(name, owned)
 
@@ -50,7 +53,7 @@ class Anchors(nn.Module):
 
     def more(self, position: Tensor, log_scale: Tensor, embedding_std: float) -> Anchors:
         """Other anchors [M] that own the same, at the start: positions [M, 3], log scales [M, 6]."""
-        owned = [name for name in EMBEDDINGS if getattr(self, name) is not None]
+        owned = [name for name in OPTIONAL if getattr(self, name) is not None]
         width = getattr(self, owned[0]).shape[1] if owned else 0
         return Anchors(
             position,
@@ -82,6 +85,7 @@ class AnchorRows:
     embedding_acfa: Tensor
     embedding_offset: Tensor | None  # None without DLGD
     embedding_scale: Tensor | None
+    dynamics: Tensor | None  # [N, 2] logits of MoDec-GS's gates
 
 
 def voxel_centres(points: NDArray[np.float64], voxel: float) -> NDArray[np.float64]:

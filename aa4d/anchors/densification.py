@@ -16,30 +16,40 @@ class Statistics:
 
     opacity: Tensor  # [N] sum of the local Gaussians' opacities
     seen: Tensor  # [N] iterations in which the anchor was in view
-    gradient: Tensor  # [N, K] sum of screen-space gradient norms
-    drawn: Tensor  # [N, K] iterations in which the Gaussian was drawn
+    gradient: Tensor  # [N, K] sum of screen-space gradient norms, weighted where a method weighs them
+    drawn: Tensor  # [N, K] iterations in which the Gaussian was drawn, weighted likewise
 
     @staticmethod
     def zeros(anchors: int, offsets: int, device: torch.device | None = None) -> Statistics:
         one, each = torch.zeros(anchors, device=device), torch.zeros(anchors, offsets, device=device)
         return Statistics(one, one.clone(), each, each.clone())
 
-    def add(self, visible: Tensor, gaussians: Gaussians, rendering: Rendering, views: int = 1) -> None:
+    def add(
+        self,
+        visible: Tensor,
+        gaussians: Gaussians,
+        rendering: Rendering,
+        views: int = 1,
+        weight: Tensor | None = None,
+    ) -> None:
         """After the backward pass of an image, in which the anchors `visible` [M] were rendered.
 
         The gradient is the absolute one where the rasteriser was asked for it.
 
         Args:
             views: of whose losses the mean was differentiated: the gradient counts as that of the view's own loss.
+            weight: [M * K] how much the view says of each Gaussian; None for equally much.
         """
         shape = (len(visible), self.drawn.shape[1])
         absolute = rendering.screen_gradient_absolute
         gradient = rendering.screen_gradient if absolute is None else absolute
         drawn = (rendering.radii > 0).view(shape)
+        counts = drawn if weight is None else drawn * weight.view(shape)
         self.seen[visible] += 1
         self.opacity[visible] += gaussians.opacities.detach().view(shape).sum(1)
-        self.drawn[visible] += drawn
-        self.gradient[visible] += torch.where(drawn, views * gradient.view(shape), 0)
+        self.drawn[visible] += counts
+        gradient = views * gradient.view(shape)
+        self.gradient[visible] += torch.where(drawn, gradient if weight is None else counts * gradient, 0)
 
     def forget_judged(self, *, min_seen: float, min_drawn: float) -> None:
         """Begin anew where a statistic has just been judged; rarely seen anchors go on gathering theirs."""
@@ -66,7 +76,7 @@ class Statistics:
 class Growth:
     """New anchors: where, how large, and from whom they inherit feature and embeddings."""
 
-    position: Tensor  # [M, 3]
+    position: Tensor  # [M, 3], or [M, 4] with a time
     voxel: Tensor  # [M] edge of the voxel that each fills
     parent: Tensor  # [M] index of an existing anchor
 
@@ -85,6 +95,7 @@ def grow(
     generator: torch.Generator,
     group: Tensor | None = None,
     group_voxel: float = 0.0,
+    time_cell: float | None = None,
 ) -> Growth:
     """Anchors in empty voxels where local Gaussians have large screen-space gradients, coarse voxels first.
 
@@ -100,6 +111,8 @@ def grow(
         generator: on the CPU, so that every device draws alike.
         group: [N] of each anchor, -1 for the world; None where there is none. Voxels of a group hold its own anchors
             alone, and the finest of them has the edge `group_voxel`.
+        time_cell: duration of a voxel at every level, where positions and centres have a time as their fourth
+            coordinate; None where they have three.
     """
     gradient = statistics.gradient / statistics.drawn.clamp_min(1)
     counted = statistics.drawn > min_drawn
@@ -110,11 +123,13 @@ def grow(
     occupied, groups_of_occupied = position, group
     grown: list[Growth] = []
     room = limit
+    durations = [] if time_cell is None else [time_cell]
     for level in range(levels):
         edge = voxel * max(voxel_factor / 4**level, 1)
+        size = position.new_tensor([edge] * 3 + durations)
         keep = (torch.rand(gradient.shape, generator=generator) < 1 - 0.5 ** (level + 1)).to(position.device)
         candidates = (gradient >= gradient_threshold * 2**level) & counted & keep
-        found = _empty_voxels(centres, gradient, candidates, occupied, edge, group, groups_of_occupied)
+        found = _empty_voxels(centres, gradient, candidates, occupied, size, group, groups_of_occupied)
         found = Growth(found.position[:room], found.voxel[:room], found.parent[:room])
         if len(found.parent):
             grown.append(found)
@@ -124,7 +139,7 @@ def grow(
             room -= len(found.parent)
     if not grown:
         nobody = torch.zeros(0, dtype=torch.long, device=position.device)
-        return Growth(position.new_zeros(0, 3), position.new_zeros(0), nobody)
+        return Growth(position[:0], position.new_zeros(0), nobody)
     growth = Growth(
         torch.cat([g.position for g in grown]),
         torch.cat([g.voxel for g in grown]),
@@ -141,15 +156,15 @@ def _empty_voxels(
     gradient: Tensor,
     candidates: Tensor,
     occupied: Tensor,
-    edge: float,
+    size: Tensor,
     group: Tensor | None,
     groups_of_occupied: Tensor | None,
 ) -> Growth:
-    """Voxels that hold candidates and no anchor, strongest candidate first."""
+    """Voxels of `size` [D] that hold candidates and no anchor, strongest candidate first."""
     anchor, offset = candidates.nonzero(as_tuple=True)
-    strength, order = gradient[anchor, offset].sort(descending=True, stable=True)
-    anchor, cells = anchor[order], torch.round(centres[anchor, offset][order] / edge)
-    taken_cells, wanted = torch.round(occupied / edge), cells
+    order = gradient[anchor, offset].argsort(descending=True, stable=True)
+    anchor, cells = anchor[order], torch.round(centres[anchor, offset][order] / size)
+    taken_cells, wanted = torch.round(occupied / size), cells
     if group is not None and groups_of_occupied is not None:
         taken_cells = torch.cat([taken_cells, groups_of_occupied[:, None].to(cells.dtype)], 1)
         wanted = torch.cat([wanted, group[anchor][:, None].to(cells.dtype)], 1)
@@ -160,7 +175,7 @@ def _empty_voxels(
     first = torch.full((len(unique),), len(cells), dtype=torch.long, device=cells.device)
     first.scatter_reduce_(0, cell_of, torch.arange(len(cells), device=cells.device), "amin")
     chosen = first[~taken].sort().values
-    return Growth(cells[chosen] * edge, strength.new_full((len(chosen),), edge), anchor[chosen])
+    return Growth(cells[chosen] * size, size[:1].expand(len(chosen)), anchor[chosen])
 
 
 def transparent(statistics: Statistics, *, min_opacity: float, min_seen: float) -> Tensor:

@@ -1,4 +1,4 @@
-"""Which anchors a camera can see."""
+"""Which anchors training asks for a camera's picture."""
 
 from __future__ import annotations
 

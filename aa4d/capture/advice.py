@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+from aa4d.capture.focal import Tried
+from aa4d.capture.selection import abbreviate
 
 NOTHING_RECONSTRUCTED = "no cameras could be reconstructed"
 GOOD_SHARE = 0.95
@@ -47,10 +51,16 @@ def _missing_from(geometry: dict[str, int]) -> str:
     )
 
 
-def field_of_view_advice(geometry: dict[str, int], fov_deg: float, was_kept: bool) -> list[Advice]:
-    """Advice on a focal length that nobody stated, where the frames themselves hardly tell it."""
+def field_of_view_advice(
+    geometry: dict[str, int], fov_deg: float, was_kept: bool, rivals: Sequence[Tried] = ()
+) -> list[Advice]:
+    """Advice on a focal length that nobody stated, where the frames themselves hardly tell it.
+
+    Args:
+        rivals: other fields of view that a part of the frames was explained by as well.
+    """
     pairs, flat = sum(geometry.values()), sum(geometry.get(kind, 0) for kind in FLAT)
-    if not was_kept and flat <= FLAT_SHARE * pairs:
+    if not was_kept and not rivals and flat <= FLAT_SHARE * pairs:
         return []
     origin = "are the usual ones, taken because the frames gave impossible ones," if was_kept else "were found here"
     what = (
@@ -61,11 +71,27 @@ def field_of_view_advice(geometry: dict[str, int], fov_deg: float, was_kept: boo
         f"{flat} of {pairs} pairs look like pictures of one plane (the ground is flat, or little way was flown between "
         f"them). The {fov_deg:.0f} degrees that {origin} can be far off, however low the reprojection error is."
     )
+    if rivals and not was_kept and flat <= FLAT_SHARE * pairs:
+        others = " and ".join(f"{rival.fov_deg:.0f} degrees ({rival.error_px:.2f} px)" for rival in rivals)
+        why = f"A part of the frames is explained by {others} about as well."
     return [Advice(what, why)]
 
 
-def advice(registered_share: float, error_px: float, other_models: int, gaps: int, blurred: int) -> list[Advice]:
-    """Advice for a poor reconstruction; empty where it is good."""
+def standing_out_advice(labels: list[str]) -> list[Advice]:
+    """Advice on frames that do not fit to those around them."""
+    if not labels:
+        return []
+    what = (
+        f"{abbreviate(labels)}: out of line with the frames around, in error or in direction. The cameras may be wrong "
+        "there: look at the 3D view in the report, try --preset accurate, or leave them out (--start, --end)."
+    )
+    return [Advice(what)]
+
+
+def advice(
+    registered_share: float, error_px: float, other_models: int, gaps: int, blurred: int, overlay: str | None = None
+) -> list[Advice]:
+    """Advice for a poor reconstruction; empty where it is good. `overlay`: the note on what is burned in."""
     said: list[str] = []
     if other_models:
         said.append(
@@ -84,6 +110,8 @@ def advice(registered_share: float, error_px: float, other_models: int, gaps: in
             "The reprojection error is high: rolling shutter, a zoom during the clip or strong electronic "
             "stabilisation. Switch stabilisation off when filming, fly slower, and use one zoom setting."
         )
+    if overlay is not None:
+        said.append(f"{overlay[0].upper()}{overlay[1:]}.")
     if blurred > 0:
         said.append("Blurred frames were left out: a shorter exposure gives sharper ones.")
     return [Advice(what) for what in said]

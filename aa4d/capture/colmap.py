@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import shutil
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar
 
 import pycolmap
@@ -13,6 +16,9 @@ from aa4d.interrupts import stop_requests
 T = TypeVar("T")
 U = TypeVar("U")
 WATCHED_EVERY_S = 0.2
+TO_BEGIN_BYTES, TO_GO_ON_BYTES = 32 << 20, 4 << 20  # free on the disk
+PATIENCE_S = 30.0  # with a stage that cannot write: it may never end
+MODEL_FILES = ("cameras", "images", "points3D")
 
 
 def quiet() -> None:
@@ -20,16 +26,23 @@ def quiet() -> None:
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL.value)
 
 
-def run(stage: Callable[[Any], T], watch: Callable[[], None] = lambda: None) -> T:
+def run(stage: Callable[[Any], T], writes_to: Path, watch: Callable[[], None] = lambda: None) -> T:
     """Run `stage(cancellation_token)` in a thread, calling `watch` now and then; Ctrl-C stops the stage cleanly.
+
+    So does a disk that fills: COLMAP takes a failed write for success, or waits for ever for its database.
 
     COLMAP's database must not be looked into meanwhile: a second SQLite library in one process, Python's, takes away
     the locks of COLMAP's.
 
+    Args:
+        writes_to: the folder that the stage writes to.
+
     Raises:
         KeyboardInterrupt: after the stage has stopped; what it had stored is whole.
+        OSError: there is no space left.
     """
     quiet()
+    check_space(writes_to, TO_BEGIN_BYTES)
     token = pycolmap.CancellationToken()
     result: list[T] = []
     failure: list[BaseException] = []
@@ -48,14 +61,46 @@ def run(stage: Callable[[Any], T], watch: Callable[[], None] = lambda: None) -> 
         while thread.is_alive():
             thread.join(WATCHED_EVERY_S)
             watch()
-            if stop_requested():
+            is_full = shutil.disk_usage(writes_to).free < TO_GO_ON_BYTES
+            if stop_requested() or is_full:
                 token.cancel()
-                thread.join()
+                thread.join(None if stop_requested() else PATIENCE_S)
+            if is_full:
+                break
         if stop_requested():
             raise KeyboardInterrupt
+    check_space(writes_to, TO_GO_ON_BYTES)
     if failure:
         raise failure[0]
     return result[0]
+
+
+def check_space(folder: Path, least: int) -> None:
+    """Raises OSError where fewer bytes than `least` are free."""
+    if shutil.disk_usage(folder).free < least:
+        raise OSError(errno.ENOSPC, f"less than {least >> 20} MiB are free")
+
+
+def write_model(model: Any, folder: Path) -> None:
+    """Write a reconstruction, and read it again: COLMAP does not say when it could not be written.
+
+    Raises:
+        OSError: what stands there is not what was written.
+    """
+    folder.mkdir(exist_ok=True)
+    model.write(folder)
+    try:
+        again = pycolmap.Reconstruction(folder)
+        kept = (again.num_reg_images(), again.num_points3D(), again.num_cameras())
+    except Exception as error:  # a file cut short is told in many ways
+        raise OSError(errno.ENOSPC, f"COLMAP could not write its model ({str(error).splitlines()[0]})") from None
+    if kept != (model.num_reg_images(), model.num_points3D(), model.num_cameras()):
+        raise OSError(errno.ENOSPC, "COLMAP could not write its model whole")
+
+
+def is_whole_model(folder: Path) -> bool:
+    """False where a file of a stored reconstruction is missing or empty, as a full disk leaves it."""
+    return all((path := folder / f"{name}.bin").is_file() and path.stat().st_size for name in MODEL_FILES)
 
 
 def in_blocks(items: list[U], size: int) -> Iterator[tuple[int, list[U]]]:

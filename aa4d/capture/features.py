@@ -84,7 +84,8 @@ def extract(
                 extraction_options=options,
                 device=pycolmap.Device.cpu,
                 cancellation_token=token,
-            )
+            ),
+            folder,
         )
         with pycolmap.Database.open(database) as opened:
             reader.existing_camera_id = opened.read_all_cameras()[0].camera_id

@@ -19,8 +19,9 @@ LATITUDE_REF, LATITUDE, LONGITUDE_REF, LONGITUDE, ALTITUDE_REF, ALTITUDE = 1, 2,
 SEMI_MAJOR_M = 6_378_137.0
 FLATTENING = 1 / 298.257223563
 
-NUMBER = r"(-?\d+(?:\.\d+)?)"
-TIME = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
+# A number of any other kind, such as 1e9 or one of hundreds of digits, is none: no part of it is taken for one.
+NUMBER = r"(-?\d{1,9}(?:\.\d{1,30})?)(?!\d|\.\d|[eE][-+]?\d)"
+TIME = re.compile(r"(?<![\w.-])(\d{1,6}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
 LATITUDE_FIELD = re.compile(rf"latitude\s*:\s*{NUMBER}", re.IGNORECASE)
 # DJI's own misspelling stands in files of several years.
 LONGITUDE_FIELD = re.compile(rf"longt?itude\s*:\s*{NUMBER}", re.IGNORECASE)

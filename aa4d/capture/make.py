@@ -11,16 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from aa4d import __version__
-from aa4d.capture.advice import Advice, advice, field_of_view_advice
+from aa4d.capture.advice import GOOD_ERROR_PX, Advice, advice, field_of_view_advice, standing_out_advice
 from aa4d.capture.assembly import Published, capture_step, forget_damaged
 from aa4d.capture.clip import Clip
 from aa4d.capture.features import features_step, stated_focal_px
+from aa4d.capture.focal import rivals
 from aa4d.capture.mapping import Cameras, adopt_step, solve_step, triangulate_step
 from aa4d.capture.matching import Matches, matches_step
 from aa4d.capture.movers import Masks, masking_method, movers_step
 from aa4d.capture.placement import Placement, place
 from aa4d.capture.report import write_report
 from aa4d.capture.selection import frames_step
+from aa4d.capture.selfcheck import standing_out
 from aa4d.capture.settings import CaptureSettings, Selection
 from aa4d.capture.sources import Source, open_source
 from aa4d.capture.spacing import Spacing, spacing_advice, spacing_step
@@ -209,7 +211,8 @@ def _field_of_view_advice(
 ) -> list[Advice]:
     if matches is None or source.posed is not None or stated_focal_px(settings.fov_deg, source.focal_share, clip):
         return []
-    return field_of_view_advice(matches.geometry, fov_deg, cameras.focal_was_kept)
+    start = cameras.start
+    return field_of_view_advice(matches.geometry, fov_deg, cameras.focal_was_kept, rivals(start.tried, start.chosen))
 
 
 def _spacing_advice(spacing: Spacing | None, placement: Placement, settings: CaptureSettings) -> list[Advice]:
@@ -226,10 +229,15 @@ def _quality_advice(
     published: Published,
     notes: list[str],
 ) -> list[Advice]:
-    return advice(
+    shots, check = placement.shots, published.check
+    viewmats, good_px = np.array([shot.viewmat for shot in shots]), GOOD_ERROR_PX * placement.shrinkage
+    label_of = {shot.name: shot.label for shot in shots}
+    apart = standing_out(list(label_of), viewmats, check.frame_px, good_px)
+    return standing_out_advice([label_of[name] for name in apart]) + advice(
         len(placement.shots) / len(clip.frames),
         published.check.reprojection_px.median / placement.shrinkage,
         len(cameras.other_models),
         0 if matches is None else len(matches.gaps),
         sum("blurred" in note for note in notes),
+        next((note for note in clip.notes if note.startswith("something stands still")), None),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ import pycolmap
 
 from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
 from aa4d.capture.clip import Clip
-from aa4d.capture.colmap import quiet, run
+from aa4d.capture.colmap import is_whole_model, quiet, run, write_model
+from aa4d.capture.focal import Start, Tried, find_start
 from aa4d.capture.matching import Matches
 from aa4d.capture.selection import abbreviate
 from aa4d.capture.settings import CaptureSettings, Reconstruction
@@ -50,6 +51,16 @@ class Cameras(StepResult):
     attempts: int  # number of ATTEMPTS made; 0 where the cameras were given
     focal_was_kept: bool  # the guess, as the frames gave an impossible one
     median_angle_deg: float  # the widest under which a point is seen
+    tried: tuple[dict[str, Any], ...] = ()  # `Tried` of each start of the focal length, on a part of the clip
+    probed: int = 0  # frames of that part
+    chosen: int = 0  # of `tried`, whose focal length the whole clip was mapped from
+
+    @property
+    def start(self) -> Start:
+        return Start(self.folder, tuple(Tried(**values) for values in self.tried), self.probed, self.chosen)
+
+    def is_whole(self) -> bool:
+        return is_whole_model(self.folder / "model")
 
     def read(self) -> Any:
         """A pycolmap.Reconstruction."""
@@ -57,9 +68,13 @@ class Cameras(StepResult):
 
     def notes(self, clip: Clip) -> list[str]:
         """Notes on what the model leaves out: frames without a pose, and the other models."""
-        said = []
+        said = self.start.notes()
         if self.attempts > 1:
-            said.append(f"the cameras were found with lowered thresholds, at attempt {self.attempts}: see the report")
+            a = ATTEMPTS[self.attempts - 1]
+            said.append(
+                f"the cameras were found at attempt {self.attempts} of {len(ATTEMPTS)}, which begins with a pair that "
+                f"sees {a.initial_inliers} points under {a.initial_angle_deg:g} degrees: depths are less certain"
+            )
         for ranks in self.other_models:
             first, last = clip.frames[ranks[0]], clip.frames[ranks[-1]]
             said.append(
@@ -106,11 +121,22 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
     best: dict[int, Any] = {}
     number, solve_focal = 0, not focal_is_known
     names = [frame.file for frame in clip.frames]
-    for number, attempt in enumerate(ATTEMPTS):
-        tries = folder / f"attempt-{number}"
-        shutil.rmtree(tries, ignore_errors=True)
+
+    def map_part(database: Path, part: list[str], tries: Path) -> Any:
         tries.mkdir()
-        models = _map(clip, database, _options(how, attempt, solve_focal, threads, seed), tries, progress)
+        options = _options(how, ATTEMPTS[0], True, threads, seed)
+        options.image_names = part
+        found = _map(clip, database, options, tries, progress)
+        return max(found.values(), key=lambda m: m.num_reg_images(), default=None)
+
+    probes = _emptied(folder / "starts")
+    start = Start(database)
+    if solve_focal:
+        start = find_start(database, clip.folder, names, how, seed, threads, probes, map_part, has_usual_focal)
+    for number, attempt in enumerate(ATTEMPTS):
+        tries = _emptied(folder / f"attempt-{number}")
+        solving = _options(how, attempt, solve_focal, threads, seed)
+        models = _map(clip, start.database if solve_focal else database, solving, tries, progress)
         if solve_focal and models and not any(has_usual_focal(m) for m in models.values()):
             solve_focal = False
             models = _map(clip, database, _options(how, attempt, solve_focal, threads, seed), tries, progress)
@@ -126,9 +152,8 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
     if float(np.median(angles)) < PARALLAX_DEG:
         raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice({'PANORAMIC': 1}, focal_is_known)}")
     target = folder / "model"
-    target.mkdir(exist_ok=True)
-    model.write(target)
-    for tries in folder.glob("attempt-*"):
+    write_model(model, target)
+    for tries in (probes, *folder.glob("attempt-*")):
         shutil.rmtree(tries)
     registered = _ranks(model, names)
     # Models may overlap: what counts of the others are the frames that the largest has not.
@@ -140,7 +165,16 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         attempts=number + 1,
         focal_was_kept=not solve_focal and not focal_is_known,
         median_angle_deg=float(np.median(angles)),
+        tried=tuple(asdict(t) for t in start.tried),
+        probed=start.probed,
+        chosen=start.chosen,
     )
+
+
+def _emptied(folder: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    return folder
 
 
 def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int) -> Any:
@@ -173,6 +207,7 @@ def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progre
         lambda token: pycolmap.incremental_mapping(
             matches, clip.folder, folder, options, next_image_callback=next_image, cancellation_token=token
         ),
+        folder,
         lambda: progress(min(registered[0] + 2 if registered[0] else 0, len(clip.frames)), len(clip.frames)),
     )
     return {i: model for i, model in found.items() if model.num_reg_images() >= MIN_FRAMES}
@@ -217,12 +252,13 @@ def triangulate(clip: Clip, model: Any, matches: Path, folder: Path, progress: P
     target.mkdir(exist_ok=True)
     model = run(
         lambda token: pycolmap.triangulate_points(model, matches, clip.folder, target, cancellation_token=token),
+        folder,
     )
     if model.num_points3D() < MIN_POINTS:
         raise InputError(
             f"{NOTHING_RECONSTRUCTED}: the given cameras see no common points; do the poses belong to these frames?"
         )
-    model.write(target)
+    write_model(model, target)
     progress(1, 1)
     return _as_given(clip, model, folder)
 
@@ -250,8 +286,7 @@ def as_in_database(model: Any, database: Any) -> Any:
 def adopt(clip: Clip, model: Any, folder: Path) -> Cameras:
     """Write a model that was given with its points."""
     target = folder / "model"
-    target.mkdir(exist_ok=True)
-    model.write(target)
+    write_model(model, target)
     return _as_given(clip, model, folder)
 
 

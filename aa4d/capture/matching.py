@@ -83,7 +83,8 @@ def match(
         run(
             lambda token: pycolmap.match_image_pairs(
                 database, matching, pairing, verification, device=pycolmap.Device.cpu, cancellation_token=token
-            )
+            ),
+            folder,
         )
         progress(done + len(block), len(wanted))
     kinds, gaps = _verified(database, names)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from aa4d.capture.annotations import Annotations
 from aa4d.capture.clip import Clip
 from aa4d.capture.pictures import save_png
+from aa4d.capture.selection import abbreviate
 from aa4d.capture.workspace import Progress, Step, StepResult
 
 FLOW_PX = 640  # longest side of the pictures in which motion is measured
@@ -68,17 +69,19 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
         masks: Callable[[int], Mask] = lambda i: box_mask(clip, annotations.of(clip.frames[i].number))  # noqa: E731
     else:
         masks = EpipolarMotion(clip).mask
-    shares = []
+    shares, unmasked = [], []
     for i, frame in enumerate(clip.frames):
         path = mask_path(folder, frame.file)
         moving = read_mask(path) if path.exists() else masks(i)
         if moving.mean() > MAX_MOVING_FRACTION:
-            notes.append(f"{frame.label}: more than a third of it seems to move; no mask is used there")
+            unmasked.append(frame.label)
             moving = np.zeros_like(moving)
         if not path.exists():
             save_png(path, np.where(moving, 0, 255).astype(np.uint8))
         shares.append(float(moving.mean()))
         progress(i + 1, len(clip.frames))
+    if unmasked:
+        notes.append(f"{abbreviate(unmasked)}: more than a third of the picture seems to move; no mask is used there")
     if annotations is not None:
         boxed = sum(f.number in annotations.boxes for f in clip.frames)
         if boxed < MIN_BOXED_FRACTION * len(clip.frames):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image, ImageFile, ImageOps
 
 from aa4d.errors import InputError
 from aa4d.files import whole_file
@@ -14,6 +14,7 @@ from aa4d.files import whole_file
 EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 UPRIGHT = 1  # EXIF orientation
 ORIENTATION = 0x0112
+EIGHT_BITS = ("RGB", "RGBA", "L", "LA", "P", "1", "CMYK", "YCbCr")  # Pillow's modes
 
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
@@ -35,12 +36,24 @@ def read_picture(path: Path) -> NDArray[np.uint8]:
         raise InputError(f"{path}: cannot be read as a picture ({error}); copy it again or remove it") from None
 
 
+def pixel_format(image: ImageFile.ImageFile) -> str:
+    """How a file that was only just opened stores its pixels, in Pillow's words: "RGB;16B" is read as mode "RGB"."""
+    stored = image.tile[0][3] if image.tile else None
+    raw = stored if isinstance(stored, str) else stored[0] if isinstance(stored, tuple) and stored else None
+    return raw if isinstance(raw, str) else image.mode
+
+
+def has_eight_bits(image: ImageFile.ImageFile) -> bool:
+    """False for a file, only just opened, of more bits a channel."""
+    return image.mode in EIGHT_BITS and not pixel_format(image).endswith((";16B", ";16L", ";16N"))
+
+
 def is_plain(path: Path) -> bool:
     """True for an upright 8-bit RGB JPEG or PNG: what every other program reads as the same pixels."""
     try:
         with Image.open(path) as image:
             upright = image.getexif().get(ORIENTATION, UPRIGHT) == UPRIGHT
-            return upright and image.mode == "RGB" and image.format in ("JPEG", "PNG")
+            return upright and image.mode == "RGB" and has_eight_bits(image) and image.format in ("JPEG", "PNG")
     except (OSError, SyntaxError, ValueError):
         return False
 

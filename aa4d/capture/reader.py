@@ -13,6 +13,7 @@ from PIL import Image
 from plyfile import PlyData
 
 from aa4d.capture.content import capture_identity
+from aa4d.capture.pictures import has_eight_bits, pixel_format
 from aa4d.capture.schema import (
     FARTHEST_M,
     RECENTER,
@@ -30,7 +31,6 @@ from aa4d.files import read_json_object
 from aa4d.identity import Identity
 
 CAPTURE_VERSION = 1
-EIGHT_BITS = ("RGB", "RGBA", "L", "LA", "P", "1", "CMYK", "YCbCr")  # Pillow's names
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,10 @@ def read_image(capture: Capture, frame: Frame) -> NDArray[np.uint8]:
     path = capture.folder / frame.image
     try:
         with Image.open(path) as image:
-            if image.mode not in EIGHT_BITS:  # Pillow would cut 16 bits off at 255: everything white
-                raise ValueError(f"it is of mode {image.mode}, expected 8 bits a channel")
+            if not has_eight_bits(image):  # Pillow would cut off 16 bits of grey at 255, everything white
+                raise ValueError(f"its pixels are {pixel_format(image)}, expected 8 bits a channel")
+            if "A" in image.getbands() and image.getchannel("A").getextrema() != (255, 255):
+                raise ValueError("it is transparent in places, expected three channels")
             pixels = np.array(image.convert("RGB"))
     except FileNotFoundError:
         raise InputError(f"{path}: image of frame {frame.name!r} is missing; render or copy it again") from None
@@ -128,11 +130,14 @@ def _points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     try:
         vertex = PlyData.read(str(path))["vertex"]
         points = np.stack([np.asarray(vertex[axis], np.float64) for axis in "xyz"], axis=1)
-        colors = np.stack([np.asarray(vertex[c], np.uint8) for c in ("red", "green", "blue")], axis=1)
+        channels = [np.asarray(vertex[c]) for c in ("red", "green", "blue")]
     except FileNotFoundError:
         raise InputError(f"{path}: the initial point cloud is missing") from None
     except Exception as error:  # plyfile raises parse errors, KeyError and ValueError alike
         raise InputError(f"{path}: not a point cloud with x y z red green blue ({error})") from None
+    if others := [channel.dtype.name for channel in channels if channel.dtype != np.uint8]:
+        raise InputError(f"{path}: colors are {others[0]}, expected bytes (uchar), 0 to 255; export it with those")
+    colors = np.stack(channels, axis=1)
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
         raise InputError(f"{path}: point {bad[0]} is not finite; remove it from the point cloud")

@@ -79,12 +79,11 @@ def _view(
     """Contents of the page's 3D view, centered and at unit size: points, colors, camera frusta."""
     chosen = np.random.default_rng(0).permutation(len(cloud.positions))[:SHOWN_POINTS]
     points, colors = cloud.positions[chosen], cloud.colors[chosen]
-    middle = np.median(points, axis=0)
-    # Nine tenths of the points and all cameras fill the view.
-    reach = max(
-        float(np.percentile(np.linalg.norm(points - middle, axis=1), 90)),
-        float(np.linalg.norm(centers - middle, axis=1).max()),
-    )
+    # Nine tenths of the points and all cameras fill the view, around the middle of both.
+    near = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    shown = np.concatenate([points[near <= np.percentile(near, 90)], centers])
+    middle = (shown.min(axis=0) + shown.max(axis=0)) / 2
+    reach = float(np.linalg.norm(shown - middle, axis=1).max())
     depth = 0.06 * reach
     half_width = 0.5 * pinhole.width / pinhole.K[0, 0] * depth
     half_height = 0.5 * pinhole.height / pinhole.K[1, 1] * depth

@@ -74,6 +74,11 @@ def pinhole_camera(document: dict[str, Any], index: Path) -> PinholeCamera:
             f'{index}: camera model {value.get("model")!r} is not supported, expected "PINHOLE"; render the scene '
             "without [effects.lens_distortion], or undistort the frames first"
         )
+    if others := sorted(str(key) for key in value if key not in ("model", "width", "height", "K")):
+        raise InputError(
+            f"{index}: camera has the key {others[0]!r:.40}, which a PINHOLE does not know; undistort the frames, or "
+            "remove it"
+        )
     width, height = value.get("width"), value.get("height")
     if not (type(width) is int and type(height) is int and width > 0 and height > 0):
         raise InputError(f"{index}: camera width and height must be positive integers, found {width!r} x {height!r}")
@@ -144,7 +149,7 @@ def is_rigid(matrix: NDArray[np.float64], tolerance: float) -> bool:
 
 
 def check_frames(frames: tuple[Frame, ...], index: Path) -> None:
-    """Names that differ, times in [0, 1] that rise, something to train on; `index` is the file to name."""
+    """Names that differ, seconds and t in [0, 1] that rise, something to train on; `index` is the file to name."""
     if not any(frame.split == "train" for frame in frames):
         raise InputError(f"{index}: has no training frame; at least one is needed")
     names = [frame.name for frame in frames]
@@ -152,8 +157,9 @@ def check_frames(frames: tuple[Frame, ...], index: Path) -> None:
     if repeated:
         raise InputError(f"{index}: duplicate frame name {sorted(repeated)[0]!r}")
     for before, after in pairwise(frames):
-        if not before.t < after.t:
-            raise InputError(f"{index}: t of frame {after.name!r} does not follow that of {before.name!r}")
+        for key in ("t", "time_s"):
+            if not getattr(before, key) < getattr(after, key):
+                raise InputError(f"{index}: {key} of frame {after.name!r} does not follow that of {before.name!r}")
     for frame in frames:
         if not 0.0 <= frame.t <= 1.0:
             raise InputError(f"{index}: t of frame {frame.name!r} is {frame.t}, outside [0, 1]")

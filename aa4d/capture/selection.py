@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aa4d.capture.clip import Clip, ClipFrame, Picture
+from aa4d.capture.overlay import overlay_note
 from aa4d.capture.pictures import save_png
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source
@@ -25,6 +26,7 @@ SHARPNESS_PX = 640  # sharpness and repetition are judged on pictures of that wi
 THUMBNAIL = (64, 36)
 NEIGHBOURS = 5  # sharpness is compared with the median of so many frames to each side
 MAX_ASPECT_RATIO = 20  # beyond, smaller pictures would have no pixel across
+MOST_NOTES = 3  # of one kind
 MIN_FRAMES = 3  # for a reconstruction
 
 
@@ -100,6 +102,8 @@ def make_clip(
         _reject(kept, rejected, reason, folder, notes)
     if len(kept) < MIN_FRAMES:
         raise InputError(_too_few(kept, notes))
+    if (note := overlay_note([folder / c.file for c in kept])) is not None:
+        notes.append(note)
     width, height = _size_of(folder / kept[0].file)
     frames = tuple(
         ClipFrame(c.file, c.picture.label, c.picture.time_s, c.picture.number, c.sharpness, c.picture.position)
@@ -131,6 +135,7 @@ def _sharpest(
     """The sharpest of the pictures in range that fall to one tick."""
     best: tuple[float, Picture, NDArray[np.uint8]] | None = None
     tick, written = None, 0
+    damaged: list[tuple[str, str]] = []
     for picture in pictures:
         if not is_within(picture.time_s, selection):
             if picture.time_s < selection.start_s:
@@ -142,7 +147,7 @@ def _sharpest(
             if max(pixels.shape[:2]) > MAX_ASPECT_RATIO * min(pixels.shape[:2]):
                 raise InputError(f"{pixels.shape[1]}x{pixels.shape[0]} pixels are no frame of a camera")
         except InputError as error:
-            notes.append(f"{picture.label} left out: {error}")
+            damaged.append((picture.label, str(error)))
             continue
         sharp = sharpness(pixels)
         if best is not None and this != tick:
@@ -151,8 +156,16 @@ def _sharpest(
         if best is None or sharp > best[0]:
             best = (sharp, picture, pixels)
         tick = this
+    notes += told(damaged)
     if best is not None:
         yield _write(best, written, selection, folder)
+
+
+def told(damaged: list[tuple[str, str]]) -> list[str]:
+    """Notes on pictures that were left out, each a label and the reason: one by one, or of many the first's reason."""
+    if len(damaged) <= MOST_NOTES:
+        return [f"{label} left out: {reason}" for label, reason in damaged]
+    return [f"{abbreviate([label for label, _ in damaged])} left out, the first because: {damaged[0][1]}"]
 
 
 def _write(

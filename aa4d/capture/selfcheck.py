@@ -14,6 +14,9 @@ from aa4d.errors import InputError
 MAX_ERROR_PX = 3.0  # median reprojection error, in the frames that were reconstructed from
 MAX_COLOR_DIFFERENCE = 60.0  # median difference of a point's colour from the pixel it falls on, of 255
 COMPARED_FRAMES = 5
+FAR_ERROR, FAR_TURN = 3.0, 6.0  # times the usual: a frame that stands out
+JUMP_DEG = 8.0  # between successive frames; less is no jump
+NEIGHBOURS = 5  # on each side
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +73,26 @@ def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], 
         color_difference=color,
         steps_m=_steps(capture),
     )
+
+
+def standing_out(names: list[str], viewmats: Floats, frame_px: dict[str, float], good_px: float) -> list[str]:
+    """Frames, of those in order, of far larger error than the others, or between which the camera jumps round.
+
+    Args:
+        viewmats: [N, 4, 4].
+        frame_px: median error of each frame that shows points.
+        good_px: an error that is none to speak of.
+    """
+    usual = float(np.median(list(frame_px.values())))
+    found = {name for name, error in frame_px.items() if error > max(FAR_ERROR * usual, good_px)}
+    rotations = viewmats[:, :3, :3]
+    traces = np.einsum("nij,nij->n", rotations[1:], rotations[:-1])
+    turns_deg = np.degrees(np.arccos(np.clip((traces - 1) / 2, -1, 1)))
+    for i, turn in enumerate(turns_deg):
+        around = np.delete(turns_deg[max(i - NEIGHBOURS, 0) : i + NEIGHBOURS + 1], min(i, NEIGHBOURS))
+        if len(around) and turn > max(FAR_TURN * float(np.median(around)), JUMP_DEG):
+            found.add(names[i + 1])
+    return [name for name in names if name in found]
 
 
 def reprojection_errors_px(capture: Capture, viewmat: Floats, points: Floats, pixels: Floats) -> Floats:

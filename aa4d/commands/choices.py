@@ -46,6 +46,24 @@ def names_in(
     )
 
 
+def list_of(module: str, registry: str, option: str) -> PrimitiveConstructorSpec[tuple[str, ...] | None]:
+    """Annotation for names in one argument with commas between them, each once; None for "all"."""
+    names = tuple(registered(module, registry))
+
+    def read(given: list[str]) -> tuple[str, ...] | None:
+        if given[0] == "all":
+            return None
+        return tuple(dict.fromkeys(_checked(name, ("all", *names), option) for name in given[0].split(",")))
+
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="all|" + ",".join(names),
+        instance_from_str=read,
+        is_instance=lambda value: value is None or isinstance(value, tuple),
+        str_from_instance=lambda value: ["all" if value is None else ",".join(value)],
+    )
+
+
 def described(module: str, registry: str, attribute: str) -> str:
     """Descriptions of a registry's entries, their `attribute`, as one line of help."""
     entries = import_module(module).__dict__[registry].items()

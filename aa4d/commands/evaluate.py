@@ -75,6 +75,8 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     width, height = metrics["resolution"]
     where = "GPU" if metrics["device"] == "cuda" else f"{metrics['threads']} thread(s)"
     table.add_row(f"rendering, {width}x{height}, {where}", f"{metrics['fps']:.1f} fps", "")
+    if metrics["fps_cached"] is not None:
+        table.add_row(f"rendering from a cache ({metrics['cache']})", f"{metrics['fps_cached']:.1f} fps", "")
     table.add_row("training", f"{metrics['training_seconds'] / 60:.1f} min", "")
     table.add_row("anchors (free Gaussians) / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")

@@ -93,6 +93,8 @@ class Metrics:
     motion: MotionScores  # its keys stand beside these in the file
     psnr_training: float  # over training frames: how much of the quality is memory
     fps: float
+    fps_cached: float | None  # from the method's evaluation cache; None where it has none
+    cache: str | None  # what that cache is
     warm_up_frames: int
     timed_frames: int
     resolution: tuple[int, int]
@@ -194,6 +196,8 @@ def evaluate(
         motion=motion.scores,
         psnr_training=statistics.fmean(s.psnr for s in training_scores),
         fps=speed.fps,
+        fps_cached=speed.fps_cached,
+        cache=speed.cache,
         warm_up_frames=WARM_UP_FRAMES,
         timed_frames=TIMED_FRAMES,
         resolution=(capture.camera.width, capture.camera.height),

@@ -1,4 +1,4 @@
-"""What `aa4d ablate` and `aa4d sweep` have in common: arguments become trials, rows become printed tables."""
+"""What `aa4d ablate`, `aa4d sweep` and `aa4d compare` share: arguments become trials, rows become printed tables."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from rich.table import Table
 
 from aa4d.console import console, experiment_progress
 from aa4d.errors import InputError
-from aa4d.experiments.runner import run_experiment, trials_of
-from aa4d.experiments.tables import cells, columns_of, headings, lines_of
+from aa4d.experiments.runner import Outcome, run_experiment, trials_of
+from aa4d.experiments.tables import cells, columns_of, headings, lines_of, write_tables
 from aa4d.experiments.variants import Experiment
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
@@ -34,17 +34,7 @@ def run(
     jobs: int,
 ) -> None:
     """Raises InputError for a number that makes no sense, and what `run_experiment` raises."""
-    if not captures:
-        raise InputError(f"{experiment.name}: name at least one capture folder, made by `aa4d synth`")
-    for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--iterations", min(iterations or (1,)))):
-        if value < 1:
-            raise InputError(f"{name} {value}: must be at least 1")
-    methods = {variant.method for variant in experiment.variants}
-    if len(methods) > 1 and (config is not None or assignments or motion is not None):
-        raise InputError(
-            f"{experiment.name}: methods have settings of their own, so that --config, --set and --motion would reach "
-            "one of them alone; leave them out (--preset and --iterations hold for all)"
-        )
+    check_given(experiment.name, captures, seeds, jobs, iterations)
     options: Options = {"--preset": ("preset", preset), "--motion": ("motion", {} if motion == "tracks" else motion)}
     given = Given.by(config, assignments, options)
     given.chosen("method", [AdaAnchor4DSettings.method], AdaAnchor4DSettings.method)
@@ -52,20 +42,18 @@ def run(
     if iterations is not None:
         settings = with_iterations(settings, *iterations)
     trials = trials_of(experiment, captures, out, settings, seeds)
+
+    def write(outcome: Outcome) -> None:
+        if outcome.rows:
+            write_tables(experiment, outcome.rows, out)
+
     with experiment_progress() as bar:
-        rows = run_experiment(experiment, trials, out, jobs, bar)
+        rows = run_experiment(experiment, trials, out, jobs, bar, write).checked()
     columns = columns_of(rows)
     lines = lines_of(experiment, rows)
-    # In a narrow terminal or a log, lines that wrap are better than numbers cut short.
-    wide = Console(width=max(console.width, WIDTH), markup=False)
     for capture in dict.fromkeys(line.capture for line in lines):
-        table = Table(title=f"{experiment.title}: {capture}", box=SIMPLE, title_justify="left", padding=(0, 1, 0, 0))
-        for number, heading in enumerate(headings(columns)):
-            table.add_column(heading, justify="right" if number else "left", no_wrap=True)
-        for line in lines:
-            if line.capture == capture:
-                table.add_row(*cells(line, columns))
-        wide.print(table, crop=False)
+        here = [cells(line, columns) for line in lines if line.capture == capture]
+        print_table(f"{experiment.title}: {capture}", headings(columns), here)
     console.print(
         f"{settings.coarse_iterations} + {settings.fine_iterations} iterations; "
         "± is the standard deviation over seeds\n"
@@ -73,3 +61,24 @@ def run(
         highlight=False,
         soft_wrap=True,
     )
+
+
+def check_given(
+    name: str, captures: tuple[Path, ...], seeds: int, jobs: int, iterations: tuple[int, int] | None
+) -> None:
+    """Raises InputError for a number that makes no sense, or where no capture is named."""
+    if not captures:
+        raise InputError(f"{name}: name at least one capture folder, made by `aa4d synth` or `aa4d capture`")
+    for option, value in (("--seeds", seeds), ("--jobs", jobs), ("--iterations", min(iterations or (1,)))):
+        if value < 1:
+            raise InputError(f"{option} {value}: must be at least 1")
+
+
+def print_table(title: str, headings: list[str], rows: list[list[str]]) -> None:
+    """In a narrow terminal or a log, lines that wrap are better than numbers cut short."""
+    table = Table(title=title, box=SIMPLE, title_justify="left", padding=(0, 1, 0, 0))
+    for number, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if number else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console(width=max(console.width, WIDTH), markup=False).print(table, crop=False)

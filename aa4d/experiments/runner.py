@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import multiprocessing
 import signal
-from collections.abc import Iterable
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -16,10 +16,9 @@ from typing import Any, Protocol
 from aa4d.capture.content import check_content
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import InputError, Interrupted
-from aa4d.experiments.tables import write_tables
 from aa4d.experiments.trial import Row, Trial, finished_row, stop, trial_process
 from aa4d.experiments.variants import Experiment
-from aa4d.files import write_json
+from aa4d.files import claimed, write_json
 from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
 from aa4d.output_folder import claim_folder
 from aa4d.training.run_folder import difference
@@ -34,6 +33,24 @@ class Watcher(Protocol):
     def trial_started(self, name: str) -> None: ...
     def trial_at(self, name: str, iterations: int) -> None: ...
     def trial_ended(self, name: str, sentence: str) -> None: ...
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the trials of an experiment came to, in the order of the trials."""
+
+    rows: list[Row]
+    failures: dict[str, str] = field(default_factory=dict)  # a sentence by the trial's name
+
+    def checked(self) -> list[Row]:
+        """The rows. Raises InputError where a trial failed; the others were run."""
+        if self.failures:
+            runs = len(self.rows) + len(self.failures)
+            raise InputError(
+                f"{len(self.failures)} of {runs} runs failed; first error: {next(iter(self.failures.values()))}; "
+                "the same command tries again"
+            )
+        return self.rows
 
 
 def trials_of(
@@ -91,18 +108,42 @@ def claim(experiment: Experiment, trials: list[Trial], captures: dict[Path, Capt
     return index | {"training": training, "captures": before | named, "seeds": seeds}
 
 
-def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs: int, watcher: Watcher) -> list[Row]:
-    """Run what has not been run, `jobs` trials at a time, and write the tables after each.
+def run_experiment(
+    experiment: Experiment,
+    trials: list[Trial],
+    out: Path,
+    jobs: int,
+    watcher: Watcher,
+    write: Callable[[Outcome], object],
+) -> Outcome:
+    """Run what has not been run, `jobs` trials at a time; one that fails does not stop the others.
+
+    Args:
+        write: writes the tables; called after each trial.
 
     Raises:
-        InputError: a capture cannot be read, `out` holds other runs, or some trials failed (the others were run).
+        InputError: a capture cannot be read, `out` holds other runs, or another process works there.
         Interrupted: Ctrl-C; what was running is saved.
     """
     captures = {folder: read_capture(folder) for folder in dict.fromkeys(trial.capture for trial in trials)}
     for folder in captures:
         check_content(folder)
     index = claim(experiment, trials, captures, out)
+    with claimed(out, "running an experiment"):
+        return _run(trials, captures, out / INDEX, index, jobs, watcher, write)
+
+
+def _run(
+    trials: list[Trial],
+    captures: dict[Path, Capture],
+    index_path: Path,
+    index: dict[str, Any],
+    jobs: int,
+    watcher: Watcher,
+    write: Callable[[Outcome], object],
+) -> Outcome:
     rows: dict[str, Row] = {}
+    failures: dict[str, str] = {}
     waiting: list[Trial] = []
     for trial in trials:
         row = finished_row(trial, captures[trial.capture])
@@ -110,11 +151,17 @@ def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs:
             waiting.append(trial)
         else:
             rows[trial.name] = row
-    write_json(out / INDEX, index)
+    write_json(index_path, index)
     watcher.start(len(trials), len(rows), sum(trial.iterations for trial in waiting))
     # With one job torch chooses its threads; several jobs of one thread each get more done than one with several.
     running = Processes(threads=1 if jobs > 1 else None)
-    failures: list[str] = []
+
+    def outcome() -> Outcome:
+        named = [trial.name for trial in trials]
+        return Outcome(
+            [rows[name] for name in named if name in rows], {name: failures[name] for name in named if name in failures}
+        )
+
     try:
         while waiting or running.trials:
             while waiting and len(running.trials) < jobs:
@@ -127,28 +174,19 @@ def run_experiment(experiment: Experiment, trials: list[Trial], out: Path, jobs:
                     continue
                 if kind == "row" and isinstance(value, dict):
                     rows[trial.name] = value
-                    write_tables(experiment, in_order(rows, trials), out)
                     watcher.trial_at(trial.name, trial.iterations)
                     watcher.trial_ended(trial.name, f"{float(value['psnr']):.2f} dB")
                 else:
-                    failures.append(str(value))
+                    failures[trial.name] = str(value)
                     watcher.trial_ended(trial.name, str(value))
+                write(outcome())
     except KeyboardInterrupt:
         running.stop()
         raise Interrupted(
             f"stopped; {len(rows)} of {len(trials)} runs are done, and the same command continues"
         ) from None
-    if rows:
-        write_tables(experiment, in_order(rows, trials), out)
-    if failures:
-        raise InputError(
-            f"{len(failures)} of {len(trials)} runs failed; first error: {failures[0]}; the same command tries again"
-        )
-    return in_order(rows, trials)
-
-
-def in_order(rows: dict[str, Row], trials: list[Trial]) -> list[Row]:
-    return [rows[trial.name] for trial in trials if trial.name in rows]
+    write(outcome())
+    return outcome()
 
 
 class Processes:

@@ -165,13 +165,13 @@ def write_tables(experiment: Experiment, rows: list[Row], out: Path) -> None:
     """
     columns, lines = columns_of(rows), lines_of(experiment, rows)
     keys = list(dict.fromkeys(key for row in rows for key in row))
-    write_text(out / "rows.csv", _csv([keys, *([str(row.get(key, "")) for key in keys] for row in rows)]))
+    write_text(out / "rows.csv", as_csv([keys, *([str(row.get(key, "")) for key in keys] for row in rows)]))
     table = [["capture", *headings(columns)], *([line.capture, *cells(line, columns)] for line in lines)]
-    write_text(out / "table.csv", _csv(table))
-    write_text(out / "table.md", f"{experiment.title}\n\n{_markdown(table)}")
+    write_text(out / "table.csv", as_csv(table))
+    write_text(out / "table.md", f"{experiment.title}\n\n{as_markdown(table)}")
     pooled = _pooled_table(differences_of(experiment, rows), pooled_columns_of(rows))
-    write_text(out / "pooled.csv", _csv(pooled))
-    write_text(out / "pooled.md", f"{experiment.title}: {POOLED}\n\n{_markdown(pooled)}")
+    write_text(out / "pooled.csv", as_csv(pooled))
+    write_text(out / "pooled.md", f"{experiment.title}: {POOLED}\n\n{as_markdown(pooled)}")
     _plot(experiment, rows, out / "plot.png")
 
 
@@ -190,11 +190,11 @@ def _pooled_table(differences: list[Difference], columns: list[Column]) -> list[
     return table
 
 
-def _markdown(table: list[list[str]]) -> str:
+def as_markdown(table: list[list[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in [table[0], ["---"] * len(table[0]), *table[1:]])
 
 
-def _csv(rows: list[list[str]]) -> str:
+def as_csv(rows: list[list[str]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()

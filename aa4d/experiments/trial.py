@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -20,6 +22,7 @@ from aa4d.training.schedule import schedule_of
 Row = dict[str, float | str]
 RESULT = "trial.json"
 REPORT_EVERY = 10  # iterations
+ORPHANED_S = 0.5  # seconds from one look after the parent to the next
 
 
 @dataclass(frozen=True)
@@ -107,10 +110,11 @@ def numbers(metrics: dict[str, Any]) -> Row:
 def trial_process(trial: Trial, threads: int | None, parent: Connection) -> None:
     """A trial in a process of its own. Sends ("done", iterations), then ("row", row) or ("failed", sentence).
 
-    It leaves the terminal's process group, so that Ctrl-C reaches it once, from the parent; and it ends at its next
-    report where the parent is gone.
+    It leaves the terminal's process group, so that Ctrl-C reaches it once, from the parent; and it ends where the
+    parent is gone, so that the same command finds the run's folder free.
     """
     os.setpgrp()
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     try:
         import torch
 
@@ -124,6 +128,16 @@ def trial_process(trial: Trial, threads: int | None, parent: Connection) -> None
         parent.send(("stopped", str(stop)))
     except (BrokenPipeError, KeyboardInterrupt):
         pass
+    except Exception as error:
+        parent.send(("failed", f"{trial.out}: {type(error).__name__}: {error}"))
+        raise
+
+
+def _end_with(parent: int) -> None:
+    """A run is whole on disk at every moment: to stop at once loses what follows its last checkpoint."""
+    while os.getppid() == parent:
+        time.sleep(ORPHANED_S)
+    os._exit(1)
 
 
 def stop(pid: int | None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from aa4d.methods import METHODS, presets_of
+from aa4d.methods import presets_of
 from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
 from aa4d.methods.settings import MotionSettings, RunSettings, with_iterations
 
@@ -61,11 +61,6 @@ ABLATIONS = {
             Variant("tracks", training={"motion": MotionSettings()}),
             Variant("true tracks", training={"motion": MotionSettings(tracks="truth")}),
         ),
-    ),
-    "methods": Experiment(
-        "methods",
-        "The methods, over as many iterations of the same preset",
-        tuple(Variant(name, method=name) for name in METHODS),
     ),
     "aggregation": Experiment(
         "aggregation",

@@ -52,7 +52,10 @@ class Clip:
         return self.path.views[index].name
 
     def seconds(self, index: int) -> float:
-        return index / self.path.fps
+        """When a view is shown, on the clip's own clock; behind the last one, which lasts a mean step, its end."""
+        if index < len(self):
+            return float(self.path.at[index])
+        return float(self.path.at[-1]) + 1 / self.path.fps
 
     def gaussians(self, index: int) -> WorldGaussians:
         gaussians = world_gaussians(self.loaded, self.path.views[index].t, self.eye_at(index))
@@ -68,12 +71,10 @@ class Clip:
         before, after = max(index - 0.5, 0.0), min(index + 0.5, float(last))
         if self.loaded.is_static or after == before:
             return np.zeros((len(ids), 3))
-        views = np.arange(last + 1)
-        first, second = (
-            decoded_means(self.loaded, float(np.interp(place, views, t)), self.eye_at(index))[ids]
-            for place in (before, after)
-        )
-        velocity = (second - first) * (self.path.fps / (after - before))
+        views, places = np.arange(last + 1), (before, after)
+        instants, eye = np.interp(places, views, t), self.eye_at(index)
+        first, second = (decoded_means(self.loaded, float(instant), eye)[ids] for instant in instants)
+        velocity = (second - first) / np.diff(np.interp(places, views, self.path.at))
         return velocity if self.axes == "world" else np.asarray(VIEWER.apply(velocity))
 
     def labels(self) -> list[str]:

@@ -15,7 +15,7 @@ NAME = "points.usdc"
 
 
 def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
-    """`out`/points.usdc: the centres of the Gaussians as UsdGeomPoints, a time sample for each view.
+    """`out`/points.usdc: the centres of the Gaussians as UsdGeomPoints, a time sample at the second of each view.
 
     World is z up and in metres; a width is twice the mean standard deviation; colours are linear, as USD wants them.
     Velocities are in metres a second, by which a reader moves the points between samples: their number changes.
@@ -26,6 +26,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     if path.exists():
         progress(len(clip), len(clip))
         return
+    codes = [round(clip.seconds(index) * clip.path.fps, 6) for index in range(len(clip))]
     with whole_file(path) as temporary:
         temporary.unlink()  # USD makes its file itself
         stage = Usd.Stage.CreateNew(str(temporary))
@@ -34,7 +35,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
         stage.SetTimeCodesPerSecond(clip.path.fps)
         stage.SetFramesPerSecond(clip.path.fps)
         stage.SetStartTimeCode(0)
-        stage.SetEndTimeCode(len(clip) - 1)
+        stage.SetEndTimeCode(codes[-1])
         if clip.identity is not None:
             stage.GetRootLayer().customLayerData = {"aa4d": clip.identity.as_text()}
         root = UsdGeom.Xform.Define(stage, "/AdaAnchor4D")
@@ -50,21 +51,21 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
             names.Set(Vt.StringArray(clip.group_names()))
             del names
         for index in range(len(clip)):
-            g = clip.gaussians(index)
+            g, code = clip.gaussians(index), codes[index]
             centers = g.means.astype(np.float32)
             widths = (2 * g.scales.mean(axis=1)).astype(np.float32)
-            points.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(centers), index)
-            points.CreateWidthsAttr().Set(Vt.FloatArray.FromNumpy(widths), index)
+            points.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(centers), code)
+            points.CreateWidthsAttr().Set(Vt.FloatArray.FromNumpy(widths), code)
             velocities = clip.velocities(index, g.ids).astype(np.float32)
-            points.CreateVelocitiesAttr().Set(Vt.Vec3fArray.FromNumpy(velocities), index)
-            points.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(g.ids), index)
+            points.CreateVelocitiesAttr().Set(Vt.Vec3fArray.FromNumpy(velocities), code)
+            points.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(g.ids), code)
             if len(centers):
                 box = Vt.Vec3fArray.FromNumpy(np.stack([centers.min(0), centers.max(0)]))
-                points.CreateExtentAttr().Set(box, index)
-            color.Set(Vt.Vec3fArray.FromNumpy(linear(g.colors).astype(np.float32)), index)
-            opacity.Set(Vt.FloatArray.FromNumpy(g.opacities.astype(np.float32)), index)
+                points.CreateExtentAttr().Set(box, code)
+            color.Set(Vt.Vec3fArray.FromNumpy(linear(g.colors).astype(np.float32)), code)
+            opacity.Set(Vt.FloatArray.FromNumpy(g.opacities.astype(np.float32)), code)
             if group is not None and g.group is not None:
-                group.Set(Vt.IntArray.FromNumpy(g.group), index)
+                group.Set(Vt.IntArray.FromNumpy(g.group), code)
             progress(index + 1, len(clip))
         stage.GetRootLayer().Save()
         del points, primvars, color, opacity, group, root, stage

@@ -18,6 +18,7 @@ from aa4d.filming.splits import SPLITS
 from aa4d.methods.model_file import LoadedModel
 
 PATH_VERSION = 1
+UNEVEN = 0.01  # share of a step
 MOST_VIEWS = 100_000  # a slip of the keyboard should not fill the memory
 
 
@@ -35,20 +36,27 @@ class View:
 @dataclass(frozen=True)
 class CameraPath:
     views: tuple[View, ...]
-    at: NDArray[np.float64]  # [views] where along the path each view is, rising
+    at: NDArray[np.float64]  # [views] seconds on the path's own clock, rising from 0; the steps need not be even
     camera: PinholeCamera
-    fps: float  # of a video of the views
+    fps: float  # views a second, on the mean
+
+    @property
+    def is_even(self) -> bool:
+        """Every view lasts as long as the others, as far as anybody sees."""
+        return bool(np.abs(np.diff(self.at) * self.fps - 1).max(initial=0) < UNEVEN)
 
     def as_json(self) -> dict[str, Any]:
+        seconds = {} if self.is_even else {"seconds": self.at.tolist()}
         return {
             "camera": self.camera.as_json(),
             "fps": self.fps,
+            **seconds,
             "views": [{"name": v.name, "t": v.t, "viewmat": v.viewmat.tolist()} for v in self.views],
         }
 
 
 def path_of_frames(loaded: LoadedModel, views: str) -> CameraPath:
-    """The poses and times of the capture's frames. A video of a part of them lasts as long as the clip.
+    """The poses and times of the capture's frames, each at its own second: some may have been left out of a film.
 
     Raises:
         InputError: there is no such frame.
@@ -56,12 +64,12 @@ def path_of_frames(loaded: LoadedModel, views: str) -> CameraPath:
     frames = [f for f in loaded.frames if f.split in SPLITS[views]]
     if not frames:
         raise InputError(f"{loaded.path}: its capture has no {views} frame; choose other --views")
-    seconds = frames[-1].time_s - frames[0].time_s
+    at = np.array([f.time_s - frames[0].time_s for f in frames])
     return CameraPath(
         views=tuple(View(f.name, f.t, f.viewmat) for f in frames),
-        at=np.array([f.t for f in frames]),
+        at=at,
         camera=loaded.camera,
-        fps=(len(frames) - 1) / seconds if seconds > 0 else loaded.fps,
+        fps=(len(frames) - 1) / float(at[-1]) if len(frames) > 1 else loaded.fps,
     )
 
 
@@ -86,7 +94,7 @@ def read_camera_path(file: Path, loaded: LoadedModel) -> CameraPath:
     if len({view.name for view in views}) < len(views):
         raise InputError(f"{file}: two views have the same name; each names its own pictures")
     camera = pinhole_camera(document, file) if "camera" in document else loaded.camera
-    return CameraPath(views, np.arange(len(views), dtype=np.float64), camera, fps)
+    return CameraPath(views, np.arange(len(views)) / fps, camera, fps)
 
 
 def _view(value: Any, number: int, file: Path) -> View:
@@ -131,14 +139,14 @@ def looking_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray
 
 
 def resampled(path: CameraPath, count: int) -> CameraPath:
-    """`count` views evenly along the same path, in the same seconds: cubic in position and rotation, linear in time."""
+    """`count` views at even seconds of the same path: cubic in position and rotation, linear in time."""
     if not 1 <= count <= MOST_VIEWS:
         raise InputError(f"{count} views: must be at least 1 and at most {MOST_VIEWS}; give another --frames or --fps")
     n = len(path.views)
-    at = np.linspace(path.at[0], path.at[-1], count)
+    at = np.linspace(0, path.at[-1], count)
     if n == 1:
         same = tuple(replace(path.views[0], name=f"{i:06}") for i in range(count))
-        return CameraPath(same, np.arange(count, dtype=np.float64), path.camera, path.fps)
+        return CameraPath(same, np.arange(count) / path.fps, path.camera, path.fps)
     centers = CubicSpline(path.at, np.stack([v.center() for v in path.views]))(at)
     # Of camera to world. A hovering camera turns about nothing, and the spline's divisions by its angle stay finite.
     rotations = RotationSpline(path.at, Rotation.from_matrix(np.stack([v.viewmat[:3, :3].T for v in path.views])))(at)
@@ -149,15 +157,14 @@ def resampled(path: CameraPath, count: int) -> CameraPath:
         viewmat[:3, :3] = rotations[i].as_matrix().T
         viewmat[:3, 3] = -viewmat[:3, :3] @ centers[i]
         views.append(View(f"{i:06}", float(times[i]), viewmat))
-    return CameraPath(tuple(views), at, path.camera, path.fps * max(count - 1, 1) / (n - 1))
+    return CameraPath(tuple(views), at, path.camera, max(count - 1, 1) / float(path.at[-1]))
 
 
 def at_rate(path: CameraPath, fps: float) -> CameraPath:
     """The same path in the same seconds at another frame rate."""
     if not 0 < fps <= 1000:
         raise InputError(f"--fps {fps:g}: must be positive and at most 1000")
-    seconds = (len(path.views) - 1) / path.fps
-    return replace(resampled(path, round(seconds * fps) + 1), fps=fps)
+    return replace(resampled(path, round(float(path.at[-1]) * fps) + 1), fps=fps)
 
 
 def with_time(path: CameraPath, t: float) -> CameraPath:

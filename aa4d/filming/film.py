@@ -63,7 +63,7 @@ def film(
         for name in layers:
             if not (out / f"{name}.mp4").exists():
                 pictures = (_read_png(out / name / f"{view.name}.png") for view in path.views)
-                write_video(out / f"{name}.mp4", pictures, path.fps)
+                write_video(out / f"{name}.mp4", pictures, path.fps, None if path.is_even else path.at)
     return {name: scales[name] for name in layers if name in scales}
 
 

@@ -78,7 +78,7 @@ def speed_mps(loaded: LoadedModel, t: float | None) -> Tensor:
     before, after = max(t - 0.5 / frames, 0.0), min(t + 0.5 / frames, 1.0)
     with torch.no_grad():
         moved = loaded.model.centers(after) - loaded.model.centers(before)
-    return moved.norm(dim=1) * (loaded.frame.unit_m * loaded.fps / (frames * (after - before)))
+    return moved.norm(dim=1) * (loaded.frame.unit_m / (loaded.seconds_at(after) - loaded.seconds_at(before)))
 
 
 def mover_colors(loaded: LoadedModel) -> Tensor:

@@ -28,7 +28,8 @@ def read_history(path: Path) -> list[Row] | None:
     """None where the run has no history.
 
     Raises:
-        InputError: it is no table, lacks a column or holds something other than numbers.
+        InputError: it is no table, lacks a column or holds something other than numbers. An infinite PSNR is one: of
+            views without any error, as in an all-black clip.
     """
     if not path.exists():
         return None
@@ -39,9 +40,9 @@ def read_history(path: Path) -> list[Row] | None:
         rows = [Row(int(r["step"]), r["stage"], float(r["psnr_db"]), int(r["anchors"])) for r in table]
     except (ValueError, TypeError, OSError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as a history ({error}); delete it, or train again") from None
-    bad = [row.step for row in rows if not math.isfinite(row.psnr_db)]
+    bad = [row for row in rows if math.isnan(row.psnr_db) or row.psnr_db == -math.inf]
     if bad:
-        raise InputError(f"{path}: psnr_db of step {bad[0]} is not finite; delete it, or train again")
+        raise InputError(f"{path}: psnr_db of step {bad[0].step} is {bad[0].psnr_db}; delete it, or train again")
     return rows or None
 
 
@@ -49,9 +50,10 @@ def history_figure(rows: list[Row]) -> Figure:
     figure = Figure(figsize=(9, 3), layout="constrained")
     panels = figure.subplots(1, 2)
     steps = [row.step for row in rows]
+    psnr_db = [row.psnr_db if math.isfinite(row.psnr_db) else math.nan for row in rows]  # no error leaves a gap
     for axes, values, label in (
         (panels[0], [row.anchors for row in rows], "anchors"),
-        (panels[1], [row.psnr_db for row in rows], "PSNR of training views, dB"),
+        (panels[1], psnr_db, "PSNR of training views, dB"),
     ):
         axes.plot(steps, values, lw=1)
         axes.set(xlabel="iteration", ylabel=label)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,9 @@ METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
     "d3dgs": "aa4d.methods.d3dgs",
     "fourdgs": "aa4d.methods.fourdgs",
+    "modec": "aa4d.methods.modec",
+    "morel": "aa4d.methods.morel",
+    "sfgs": "aa4d.methods.sfgs",
     "speede": "aa4d.methods.speede",
 }
 DEFAULT = "adaanchor4d"
@@ -34,6 +38,11 @@ def presets_of(name: str) -> Mapping[str, RunSettings]:
     """The `PRESETS` of a folder's module `settings`, which needs no torch; `name` is one of `METHODS`."""
     presets: Mapping[str, RunSettings] = import_module(f"{METHODS[name]}.settings").PRESETS
     return presets
+
+
+def title_of(name: str) -> str:
+    """As publications call a method: what the docstring of its folder begins with, up to a bracket or a colon."""
+    return re.split(r"\s*[(:]", import_module(METHODS[name]).__doc__ or name)[0]
 
 
 def preset_names() -> tuple[str, ...]:

@@ -5,10 +5,15 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import fields
 
+import numpy as np
+import torch
 from torch import Tensor
 
-from aa4d.anchors.canonical import AnchorRows, Anchors
+from aa4d.anchors.canonical import AnchorRows, Anchors, spacing, voxel_centres
 from aa4d.anchors.decoding import AnchorState, Decoder
+from aa4d.kernels.image_loss import image_loss
+from aa4d.methods.contract import Beginning
+from aa4d.methods.rendering import Rendered
 from aa4d.methods.scene_model import SceneModel
 from aa4d.motion.groups import Groups, carry
 from aa4d.raster.types import Camera, Gaussians
@@ -89,3 +94,19 @@ class AnchorModel(SceneModel):
 def camera_center(camera: Camera) -> Tensor:
     """-R^T T, [3]."""
     return -camera.viewmat[:3, :3].T @ camera.viewmat[:3, 3]
+
+
+def initial_places(beginning: Beginning, voxel: float) -> tuple[Tensor, Tensor]:
+    """One anchor for each occupied voxel of edge `voxel` (model units): its centre [N, 3] and log spacing [N, 6]."""
+    centers = voxel_centres(beginning.points, voxel)
+    scale = spacing(centers, floor=1e-3 * voxel)
+    return torch.from_numpy(centers).float(), torch.from_numpy(np.log(scale)).float()[:, None].repeat(1, 6)
+
+
+def loss_with_volume(rendered: Rendered, target: Tensor, dssim: float, volume: float) -> tuple[Tensor, Tensor]:
+    """Scaffold-GS's loss of an image: L1, D-SSIM, and the drawn Gaussians' mean volume; and the mean squared error."""
+    loss, squared_error = image_loss(rendered.rendering.color, target, dssim)
+    drawn = (rendered.rendering.radii > 0).float()
+    x, y, z = rendered.gaussians.scales.unbind(1)  # the gradient of prod() takes ten times as long
+    mean = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
+    return loss + volume * mean, squared_error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from typing import Protocol, runtime_checkable
 
 from torch import Tensor
@@ -25,3 +26,11 @@ class WarpsCoordinates(Protocol):
 
     def warp_boundaries(self) -> Tensor:
         """[3, B + 1] where the map takes the edges of B equal bins of [-1, 1], on each axis."""
+
+
+@runtime_checkable
+class HasEvaluationCache(Protocol):
+    """Draws faster from what it has stored beforehand: the same pictures, but for what the cache's name says."""
+
+    def cached(self) -> AbstractContextManager[str]:
+        """Fill the cache and draw from it while the context is open; its value names the cache."""

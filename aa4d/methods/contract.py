@@ -29,12 +29,16 @@ class Stage:
     canonical: bool = False  # nothing moves: drawn at no time
     views_per_step: int = 1
     changes_units: bool = True  # units come and go
+    times: tuple[tuple[float, float], ...] = ()  # spans of t whose frames it looks at; of all, where none is given
     decay: tuple[float, float] = (0.0, 1.0)  # how far the learning rates' decay is at its first and last iteration
 
     def progress(self, iteration: int) -> float:
         """Of the learning rates' decay at an iteration, from 0."""
         begin, end = self.decay
         return begin + (end - begin) * iteration / max(self.iterations - 1, 1)
+
+    def looks_at(self, t: float) -> bool:
+        return not self.times or any(start <= t <= end for start, end in self.times)
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,7 @@ class Beginning:
     points: NDArray[Any]  # [P, 3] float64
     colors: NDArray[Any]  # [P, 3] uint8 sRGB
     frames: int  # of the clip, held-out ones too
+    seconds: float  # from the first frame to the last
     pixel: float  # width of a pixel at unit depth
     times: tuple[float, ...] = ()  # of the training frames, in order
 
@@ -113,6 +118,16 @@ class Method(ABC, Generic[Settings]):
     def penalty(self, stage: Stage, model: SceneModel, settings: Settings) -> Tensor | None:  # noqa: ARG002
         """What a step pays besides, whatever it shows."""
         return None
+
+    def observe(
+        self,
+        statistics: Statistics,
+        rendered: Rendered,
+        views: int,
+        settings: Settings,  # noqa: ARG002
+    ) -> None:
+        """Note of a view what units come and go by, after the backward pass of a step of so many views."""
+        statistics.add(rendered.visible, rendered.gaussians, rendered.rendering, views)
 
     @abstractmethod
     def edit(

@@ -65,6 +65,10 @@ class LoadedModel:
     camera: PinholeCamera
     frames: tuple[Frame, ...]
 
+    def seconds_at(self, t: float) -> float:
+        """Seconds of the clip at t in [0, 1]: linear between frames, whose seconds need not be even."""
+        return float(np.interp(t, [f.t for f in self.frames], [f.time_s for f in self.frames]))
+
 
 def save_model(
     path: Path,

@@ -50,7 +50,7 @@ class SceneModel(nn.Module, ABC):
 
     @abstractmethod
     def resting(self, t: float | None) -> Tensor:
-        """[N, 3] where the units are at t but for their deformation: what visibility goes by."""
+        """[N, 3] where the units are at t but for their deformation: what visibility in training goes by."""
 
     @property
     def device(self) -> torch.device:
@@ -68,8 +68,16 @@ class SceneModel(nn.Module, ABC):
         return (self.group < 0) | (self.groups.presence(t) > 0)[self.group.clamp_min(0)]
 
     def visible(self, t: float | None, camera: Camera) -> Tensor:
-        """[M] the units that a camera may see at t, in order."""
-        return in_view(self.resting(t), camera, self.present(t))
+        """[M] the units that are deformed and decoded for a camera at t, in order.
+
+        In training (`nn.Module.train`) those whose centre lies in the image or its margin: that is quick, and near
+        enough for the frames' own cameras. Otherwise all that are there, so that what is drawn decides: close to the
+        ground, most of what fills the picture belongs to a unit whose centre lies far outside of it, or behind.
+        """
+        present = self.present(t)
+        if self.training:
+            return in_view(self.resting(t), camera, present)
+        return torch.arange(len(self), device=self.device) if present is None else present.nonzero()[:, 0]
 
     def shared_tensors(self) -> list[Tensor]:
         """What "neural size" counts in the field's tables: networks and planes, nothing that a unit owns."""

@@ -23,6 +23,7 @@ from aa4d.motion.bodies import (
     trimmed,
     without_rims,
 )
+from aa4d.motion.carried import carries, softened, stands
 from aa4d.motion.clusters import clusters
 from aa4d.motion.flow import measure
 from aa4d.motion.ground import Ground, find_ground
@@ -57,7 +58,12 @@ def find_tracks(observed: Observations, earlier: Tracks | None = None) -> Tracks
     flow = measure(observed, differs)
     moves = moving_pixels(observed, flow, ground, widened(differs, BESIDE_PX))
     points = follow(observed, flow, ground, differs | moves, differs)
-    bodies = find_bodies(points, observed.rank)
+    bodies = [b for b in find_bodies(points, observed.rank) if not stands(b, points, observed, ground)]
+    if earlier is not None:
+        # Not at the first look: what is missed then is learned into the clean scene, what is false there is not kept.
+        soft = softened(observed.images)
+        bodies = [b for b in bodies if carries(b, points, observed, ground, soft)]
+    bodies = without_rims(bodies, points)
     shade = shaded(observed)
     labels = labels_of(bodies, points, differs, shade)
     alone = apart_from_larger(labels)
@@ -88,7 +94,7 @@ def no_tracks(observed: Observations) -> Tracks:
 
 
 def find_bodies(points: Points, ranks: NDArray[np.int64]) -> list[Body]:
-    """Movers, each with all its points."""
+    """Bodies that get somewhere, each with all its points."""
     gaps = np.diff(ranks)
     number = clusters(points, gaps)
     order = np.argsort(number, kind="stable")
@@ -102,7 +108,7 @@ def find_bodies(points: Points, ranks: NDArray[np.int64]) -> list[Body]:
     # Fragments are judged after they were joined; what stands by itself does not lead a chain astray.
     parts = [b for b in candidates if b.misfit > 0.6 * MISFIT_PX and b.differing > 0.5 * DIFFERING]
     wholes = merged(linked(parts, points, ranks), points, gaps)
-    return without_rims([b for b in (pruned(b, points, gaps) for b in wholes) if is_mover(b, points, gaps)], points)
+    return [b for b in (pruned(b, points, gaps) for b in wholes) if is_mover(b, points, gaps)]
 
 
 def assembled(

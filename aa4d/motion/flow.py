@@ -106,8 +106,9 @@ def sample(values: NDArray[np.generic], points: Array) -> NDArray[np.float32]:
     x, y = (points.astype(np.float32) - 0.5).T
     if not len(points):
         return np.zeros((0, *values.shape[2:]), np.float32)
-    rows = -(-len(points) // 8192)  # remap takes no picture with a side above 32767
-    padded = np.zeros((2, rows * 8192), np.float32)
+    side = min(len(points), 8192)  # remap takes no picture with a side above 32767
+    rows = -(-len(points) // side)
+    padded = np.zeros((2, rows * side), np.float32)
     padded[0, : len(points)], padded[1, : len(points)] = x, y
     found = cv2.remap(
         np.asarray(values, np.float32),
@@ -116,7 +117,7 @@ def sample(values: NDArray[np.generic], points: Array) -> NDArray[np.float32]:
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return np.asarray(found.reshape(rows * 8192, *values.shape[2:])[: len(points)], np.float32)
+    return np.asarray(found.reshape(rows * side, *values.shape[2:])[: len(points)], np.float32)
 
 
 def static_flow(observed: Observations, a: int, b: int, pixels: Array, depth: NDArray[np.floating]) -> Array:

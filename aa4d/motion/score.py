@@ -13,6 +13,7 @@ from aa4d.errors import InputError
 from aa4d.motion.tracks import Tracks
 
 LEAST_VISIBLE_PX = 20
+FAIR = 0.25  # of a track's pixels
 NEAR_PX = 4  # a shadow and the rim of a mover are no mistake of `moving`
 
 
@@ -23,7 +24,7 @@ class TrackScore:
     vehicles: int  # that have such a frame
     missed: tuple[int, ...]  # instance ids without a track
     tracks: int
-    false: tuple[int, ...]  # tracks most of whose pixels show nothing that moves in this clip
+    false: tuple[int, ...]  # tracks that hold nothing that moves in this clip (`holds`)
     split: int  # tracks beyond the first of the same vehicle, at the same time
     merged: int  # tracks that hold a fair share of two vehicles
     position_error_m: float  # median at held-out times, a constant offset in the mover's frame removed; NaN: no match
@@ -80,7 +81,10 @@ def score_tracks(tracks: Tracks, capture: Capture) -> TrackScore:
     on_movers = shared[1:, :-1] * movers
     owner = on_movers.argmax(1) if count else np.zeros(0, int)
     labelled = shared[1:].sum(1)
-    false = tuple(int(g) for g in range(count) if on_movers[g].sum() <= labelled[g] / 2)
+    there = (shared_at[:, 1:].sum(2) > 0).astype(np.int64)  # [V, count]
+    seen = (there.T @ visible)[np.arange(count), owner]  # of its owner, in the frames of each track
+    most = 2 * on_movers.sum(1) > labelled
+    false = tuple(np.flatnonzero(~(most | holds(on_movers[np.arange(count), owner], labelled, seen))).tolist())
     true = [g for g in range(count) if g not in false]
     eligible = (visible >= LEAST_VISIBLE_PX) & moves[train]
     presence = tracks.presence(np.array([capture.frames[i].t for i in train])) if count else np.zeros((0, len(train)))
@@ -88,8 +92,8 @@ def score_tracks(tracks: Tracks, capture: Capture) -> TrackScore:
     for g in true:
         # A track holds its vehicle where it is shown and where its label does not lie on something else.
         own = shared_at[:, g + 1, owner[g]]
-        other = shared_at[:, g + 1, :].sum(1) - own
-        inside[:, owner[g]] |= (presence[g] > 0.5) & (own >= other)
+        held = holds(own, shared_at[:, g + 1, :].sum(1), visible[:, owner[g]])
+        inside[:, owner[g]] |= (presence[g] > 0.5) & held
     vehicles = np.flatnonzero(eligible.any(0))
     missed = tuple(int(ids[i]) for i in vehicles if not (inside & eligible)[:, i].any())
     errors = [_position_errors(tracks, g, poses[:, owner[g]], capture) for g in true]
@@ -103,7 +107,7 @@ def score_tracks(tracks: Tracks, capture: Capture) -> TrackScore:
         tracks=count,
         false=false,
         split=_split(true, owner, presence),
-        merged=sum(int((on_movers[g] > 0.25 * labelled[g]).sum() > 1) for g in true),
+        merged=sum(int((on_movers[g] > FAIR * labelled[g]).sum() > 1) for g in true),
         position_error_m=float(np.median(error)) if len(error) else float("nan"),
         position_error_mean_m=float(error.mean()) if len(error) else float("nan"),
         moving_recall=caught / max(wanted, 1),
@@ -111,6 +115,14 @@ def score_tracks(tracks: Tracks, capture: Capture) -> TrackScore:
         label_recall=on_own / max(int((visible * moves[train]).sum()), 1),
         label_precision=on_own / max(int(labelled.sum()), 1),
     )
+
+
+def holds(own: NDArray[np.int64], labelled: NDArray[np.int64], visible: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether labels are on a mover: most of their pixels are, or most of its pixels are and a fair share of theirs.
+
+    The second for people, whose shadows are larger than they are.
+    """
+    return (2 * own >= labelled) | ((2 * own >= visible) & (own >= FAIR * labelled) & (own > 0))
 
 
 def instances_of(capture: Capture, index: int, column: dict[int, int], count: int) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from numbers import Integral
 
 import torch
@@ -9,6 +10,8 @@ from torch import Tensor
 
 from aa4d.raster.constants import MAX_FEATURES, MAX_SIDE
 from aa4d.raster.types import Camera, Gaussians
+
+RIGID_TOLERANCE = 1e-3
 
 
 def check_shapes(gaussians: Gaussians, camera: Camera, background: Tensor) -> None:
@@ -52,8 +55,20 @@ def check_camera(camera: Camera, background: Tensor) -> None:
     (fx, skew, _), (below, fy, _), _ = camera.K.tolist()
     if fx <= 0 or fy <= 0 or skew or below:
         raise ValueError(f"K has focal lengths {fx}, {fy} and skew {skew or below}, expected positive ones and no skew")
-    if not camera.near > 0:
-        raise ValueError(f"near is {camera.near}, expected more than 0")
+    if camera.K[2].tolist() != [0, 0, 1]:
+        raise ValueError(f"K ends in the row {camera.K[2].tolist()}, expected 0, 0, 1")
+    if not _is_rigid(camera.viewmat):
+        raise ValueError("viewmat is not a rotation and a translation (it mirrors, scales or shears)")
+    if not 0 < camera.near < math.inf:
+        raise ValueError(f"near is {camera.near}, expected more than 0 and finite")
+
+
+def _is_rigid(viewmat: Tensor) -> bool:
+    """Up to what float32 and the small steps of learned poses leave."""
+    matrix = viewmat.detach().double().cpu()
+    rotation = matrix[:3, :3]
+    is_orthogonal = (rotation @ rotation.T - torch.eye(3, dtype=torch.float64)).abs().max() < RIGID_TOLERANCE
+    return bool(is_orthogonal and torch.linalg.det(rotation) > 0) and matrix[3].tolist() == [0, 0, 0, 1]
 
 
 def check_gaussians(gaussians: Gaussians) -> None:

@@ -59,10 +59,11 @@ planes = { initial = 0.05, final = 0.005 }
 - A misspelt key, a value of the wrong type or one outside of its range is refused before anything is done.
 - `settings.toml` beside a result holds all that it was made with. Given with `--config` it makes the same again.
 
-Where a value comes from: *paper*: it is stated there; *Scaffold-GS*, *4D-GS*, *MoDec-GS*, *D3DGS* (*paper* and *main*
-are two of its branches), *SpeeDe3DGS*: the published code of those methods; *swept*: compared with others
-([training.md](training.md)); *chosen*: settled without such a table. Lengths are those of the model's frame, in which
-the scene is at unit depth, and pixels count at that depth.
+Where a value comes from: *paper*: it is stated there; *Scaffold-GS*, *4D-GS*, *D3DGS* (*paper* and *main* are two of
+its branches), *SpeeDe3DGS*, *MoDec-GS* (*base* and *split-cookie* are two of its configurations), *4D-SFGS*: the
+published code of those methods; *swept*: compared with others ([training.md](training.md)); *chosen*: settled without
+such a table. Lengths are those of the model's frame, in which the scene is at unit depth, and pixels count at that
+depth.
 """
 # Of the comment behind a field: "[swept] of the histogram, in bins".
 COMMENT = re.compile(r"#\s*(?:\[(?P<source>[^\]]+)\][,;]?\s*)?(?P<meaning>.*)")

@@ -18,12 +18,17 @@ from aa4d.errors import InputError
 from aa4d.files import whole_file
 from aa4d.methods import method_of
 from aa4d.methods.anchor_model import AnchorModel
+from aa4d.methods.contract import Stage
 from aa4d.methods.scene_model import SceneModel
 from aa4d.methods.settings import RunSettings
+from aa4d.methods.tensors import check_like
 from aa4d.motion.groups import blank_groups
-from aa4d.training.optimiser import make_optimiser
+from aa4d.motion.spline import FEWEST_CONTROLS
+from aa4d.training.optimiser import MOMENTS, load_moments, make_optimiser
 from aa4d.training.poses import PoseRefinement
-from aa4d.training.schedule import schedule_of
+from aa4d.training.schedule import Schedule, schedule_of
+
+LONGEST_S = 1e9  # of training, 30 years
 
 
 @dataclass
@@ -61,28 +66,69 @@ def load_checkpoint(
     """Raises InputError for a damaged file or one of another configuration. `poses` are set to those of the file."""
     try:
         with safe_open(str(path), framework="pt", device=str(device)) as file:
-            position = json.loads(file.metadata()["state"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
-        stage = schedule_of(settings)[position["stage"]]
+            position = json.loads(file.metadata()["state"])
+        stage, iteration, seconds = _position(position, schedule_of(settings))
+        _check_finite(tensors)
         model = method_of(settings.method).blank(settings, len(tensors["statistics.seen"]))
-        if "groups" in position and isinstance(model, AnchorModel):
-            groups = blank_groups(tuple(position["groups"]), tensors["model.groups.position"].shape[1])
-            model.ride(groups, torch.zeros(len(model), dtype=torch.long))
+        if "groups" in position:
+            _ride(model, position["groups"], tensors)
         model.to(device).load_state_dict(_part(tensors, "model."))
-        statistics = Statistics(**_part(tensors, "statistics."))
         optimiser = make_optimiser(model, settings.rates, canonical=stage.canonical)
-        moments = {key: _part(tensors, f"adam.{key}.") for key in ("step", "exp_avg", "exp_avg_sq")}
-        for name, parameter in model.named_parameters():
-            if name in moments["step"]:
-                optimiser.state[parameter] = {key: values[name] for key, values in moments.items()}
+        moments = {key: _part(tensors, f"adam.{key}.") for key in MOMENTS}
+        if iteration and not moments["step"]:
+            raise ValueError("it lacks the optimiser's moments")
+        load_moments(model, optimiser, moments)
         if poses is not None:
             poses.load(_part(tensors, "poses."))
-        return TrainingState(
-            position["stage"], position["iteration"], position["seconds"], model, optimiser, statistics, poses
-        )
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError, StopIteration) as error:
-        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
+        statistics = _statistics(model, _part(tensors, "statistics."))
+        return TrainingState(stage.name, iteration, seconds, model, optimiser, statistics, poses)
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        # The last line: load_state_dict says there what does not fit.
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else f"{error}".splitlines()[-1].strip()
         raise InputError(f"{path}: cannot continue from this checkpoint ({reason}); delete it to start over") from None
+
+
+def _position(position: Any, schedule: Schedule) -> tuple[Stage, int, float]:
+    """Stage, iteration and seconds of a header. Raises ValueError for what no training wrote; KeyError, TypeError."""
+    name, iteration, seconds = position["stage"], position["iteration"], position["seconds"]
+    names = [stage.name for stage in schedule.stages]
+    if name not in names:
+        raise ValueError(f"its stage is {name!r}, and this run has {', '.join(names)}")
+    stage = schedule[name]
+    if type(iteration) is not int or not 0 <= iteration <= stage.iterations:
+        raise ValueError(f"its iteration is {iteration!r:.40}, and the {name} stage has {stage.iterations}")
+    if type(seconds) not in (int, float) or not 0 <= seconds < LONGEST_S:
+        raise ValueError(f"its seconds of training are {seconds!r:.40}")
+    return stage, iteration, float(seconds)
+
+
+def _check_finite(tensors: dict[str, Tensor]) -> None:
+    """Raises ValueError: only finite values are ever saved."""
+    for name, value in tensors.items():
+        if not torch.isfinite(value).all():
+            raise ValueError(f"{name} holds NaN or infinity")
+
+
+def _ride(model: SceneModel, names: Any, tensors: dict[str, Tensor]) -> None:
+    """Let the anchors of a blank model ride as those of the file. Raises ValueError, KeyError, TypeError."""
+    if not isinstance(model, AnchorModel):
+        raise ValueError("it holds rigid groups, on which nothing of this method rides")
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise ValueError("the names of its groups are no list of texts")
+    position, group = tensors["model.groups.position"], tensors["model.anchors.group"]
+    if position.dim() != 3 or position.shape[1] < FEWEST_CONTROLS:
+        raise ValueError(f"model.groups.position has shape {tuple(position.shape)}")
+    if not ((group >= -1) & (group < len(names))).all():
+        raise ValueError(f"model.anchors.group names a group that is not there (it has {len(names)})")
+    model.ride(blank_groups(tuple(names), position.shape[1]), torch.zeros(len(model), dtype=torch.long))
+
+
+def _statistics(model: SceneModel, tensors: dict[str, Tensor]) -> Statistics:
+    """Raises ValueError where they are not of that many units, KeyError or TypeError where some lack."""
+    for name, blank in vars(Statistics.zeros(len(model), model.per_unit)).items():
+        check_like(tensors[name], blank, f"statistics.{name}")
+    return Statistics(**tensors)
 
 
 def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

@@ -38,7 +38,8 @@ class TrainingFrames:
     def beginning(self) -> Beginning:
         c = self.capture
         times = tuple(view.t for view in self.views)
-        return Beginning(self.frame.to_model(c.points), c.point_colors, len(c.frames), self.pixel, times)
+        seconds = c.frames[-1].time_s - c.frames[0].time_s
+        return Beginning(self.frame.to_model(c.points), c.point_colors, len(c.frames), seconds, self.pixel, times)
 
 
 def training_frames(capture: Capture, device: torch.device) -> TrainingFrames:

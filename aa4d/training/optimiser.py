@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor, nn
 from torch.optim import Adam
@@ -10,6 +12,9 @@ from aa4d.anchors.densification import Statistics
 from aa4d.methods.contract import UnitEdit
 from aa4d.methods.scene_model import SceneModel
 from aa4d.methods.settings import CommonRates, Decay
+from aa4d.methods.tensors import check_like
+
+MOMENTS = ("step", "exp_avg", "exp_avg_sq")  # what Adam keeps of a parameter
 
 
 def make_optimiser(model: SceneModel, rates: CommonRates, *, canonical: bool) -> Adam:
@@ -23,6 +28,33 @@ def make_optimiser(model: SceneModel, rates: CommonRates, *, canonical: bool) ->
         eps=1e-15,
         fused=True,
     )
+
+
+def load_moments(model: SceneModel, optimiser: Adam, moments: Mapping[str, Mapping[str, Tensor]]) -> None:
+    """Give an optimiser what it kept: for each of `MOMENTS` a tensor by the name of its parameter.
+
+    The fused step reads and writes as many values as the parameter has, whatever a moment's own shape.
+
+    Raises:
+        ValueError: a moment does not fit its parameter, or there is none of its name. KeyError: one lacks.
+    """
+    ids = {id(parameter) for group in optimiser.param_groups for parameter in group["params"]}
+    learned = {name: parameter for name, parameter in model.named_parameters() if id(parameter) in ids}
+    for name in {name for of_key in moments.values() for name in of_key}:
+        if name not in learned:
+            raise ValueError(f"it holds moments of {name}, which does not learn in this stage")
+        state = {key: moments[key][name] for key in MOMENTS}
+        check_moments(state, learned[name], name)
+        optimiser.state[learned[name]] = state
+
+
+def check_moments(state: Mapping[str, Tensor], parameter: Tensor, name: str) -> None:
+    """Raises ValueError where Adam could not have kept `state` of a parameter."""
+    check_like(state["step"], parameter.new_zeros(()), f"adam.step.{name}")
+    for key in ("exp_avg", "exp_avg_sq"):
+        check_like(state[key], parameter, f"adam.{key}.{name}")
+    if state["step"] < 0 or (state["exp_avg_sq"] < 0).any():
+        raise ValueError(f"the moments of {name} are negative")
 
 
 def set_rates(optimiser: Adam, progress: float, resting: tuple[str, ...] = ()) -> None:

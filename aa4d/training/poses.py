@@ -25,7 +25,9 @@ from torch.optim import Adam
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture
 from aa4d.methods.settings import Decay
+from aa4d.methods.tensors import check_like
 from aa4d.raster.types import Camera
+from aa4d.training.optimiser import MOMENTS, check_moments
 
 SMALL = 1e-6  # squared radians, below which the exponential map's coefficients are their series
 
@@ -119,12 +121,15 @@ class PoseRefinement(nn.Module):
 
     @torch.no_grad()
     def load(self, tensors: dict[str, Tensor]) -> None:
-        """Raises KeyError or RuntimeError where they are not `tensors()` of as many cameras."""
+        """Raises KeyError or ValueError where they are not `tensors()` of as many cameras."""
+        for name, blank in self.tensors().items():
+            check_like(tensors[name], blank, f"poses.{name}")
         for i, twist in enumerate(self.twists):
             twist.copy_(tensors["twists"][i])
             if tensors["step"][i] > 0:
-                moments = {key: tensors[key][i].clone() for key in ("exp_avg", "exp_avg_sq")}
-                self.optimiser.state[twist] = {"step": tensors["step"][i].cpu().clone(), **moments}
+                state = {key: tensors[key][i].clone() for key in MOMENTS}
+                check_moments(state, twist, f"pose {i}")
+                self.optimiser.state[twist] = state | {"step": state["step"].cpu()}
 
 
 def refined(capture: Capture, frame: ModelFrame, twists: NDArray[np.float64]) -> Capture:

@@ -156,8 +156,10 @@ class Run:
         self._know_movers(state)
         with stop_requests() as stop_requested:
             self._stage(state, progress, history, stop_requested)
+            history.write(self.steps(state))  # a killed run goes on from the next stage's first checkpoint
             while self._next_stage(state, say):
                 self._stage(state, progress, history, stop_requested)
+                history.write(self.steps(state))
         self._save(state, history)
 
     def _know_movers(self, state: TrainingState) -> None:
@@ -279,7 +281,7 @@ class Run:
         if not self._gathers(stage, done):
             return
         for rendered in drawn:
-            state.statistics.add(rendered.visible, rendered.gaussians, rendered.rendering, len(drawn))
+            self.method.observe(state.statistics, rendered, len(drawn), settings)
         if done <= d.start or done % d.interval:
             return
         # The stage and the iteration make the random choices, so that a checkpoint keeps none.
@@ -310,12 +312,14 @@ class Run:
             raise NotFinite(f"what it draws ({error})") from None
 
     def _view_indices(self, stage: Stage, iteration: int) -> list[int]:
-        """The views of a step: every view once an epoch, in an order drawn from (seed, stage, epoch)."""
-        count, chosen = len(self.frames.views), []
+        """The views of a step: every view of the stage once an epoch, in an order drawn from (seed, stage, epoch)."""
+        usable = [i for i, view in enumerate(self.frames.views) if stage.looks_at(view.t)]
+        usable = usable or list(range(len(self.frames.views)))  # a clip may be too short to have any there
+        count, chosen = len(usable), []
         for number in range(iteration * stage.views_per_step, (iteration + 1) * stage.views_per_step):
             epoch, position = divmod(number, count)
             order = np.random.default_rng([self.settings.seed, stage.draws, epoch]).permutation(count)
-            chosen.append(int(order[position]))
+            chosen.append(usable[order[position]])
         return chosen
 
     def _save(self, state: TrainingState, history: History) -> None:

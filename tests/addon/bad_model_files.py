@@ -398,6 +398,11 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a skewed camera": (with_information(lambda info: info["camera"]["K"][0].__setitem__(1, 0.1)), "camera.K"),
     "a camera without focus": (with_information(lambda info: info["camera"]["K"][1].__setitem__(1, 0)), "camera.K"),
+    "a camera with distortion": (
+        with_information(lambda info: info["camera"].update(distortion={"k1": 0.1})),
+        "camera",
+    ),
+    "seconds that go back": (with_information(lambda info: info["frames"][2].update(time_s=0.0)), "time_s of frame 2"),
     "another camera": (with_information(lambda info: info["camera"].update(model="FISHEYE")), "PINHOLE"),
     "a camera without K": (with_information(lambda info: info["camera"].pop("K")), "K"),
     "positions that are not numbers": (with_tensor("anchors.position", not_a_number), "not finite"),

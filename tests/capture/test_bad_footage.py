@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,22 @@ def test_every_container_can_be_entered_in_the_middle(tmp_path: Path, ending: st
     assert [f.time_s for f in clip.frames] == pytest.approx([i / 25 for i in range(5, 9)], abs=2e-3)
     assert np.abs(pixels(clip, 0) - IMAGES[5]).mean() < 12
     assert clip.notes == ()
+
+
+@pytest.mark.parametrize(("aspect", "size"), [(Fraction(4, 3), (427, 240)), (Fraction(8, 9), (320, 270))])
+def test_pixels_that_are_not_square_are_made_so(tmp_path: Path, aspect: Fraction, size: tuple[int, int]) -> None:
+    video = write_video(tmp_path / "tape.mp4", IMAGES, [i / 10 for i in range(9)], pixel_aspect=aspect)
+    clip = clip_of(video, tmp_path / "clip")
+    assert (clip.width, clip.height) == clip.source_size == size
+    expected = np.asarray(Image.fromarray(IMAGES[5]).resize(size), np.float64)
+    assert np.abs(pixels(clip, 5) - expected).mean() < 12
+    assert clip.notes == (f"pixels are not square ({aspect}): pictures are stretched, as players show them",)
+
+
+def test_a_colon_in_a_relative_name_is_no_protocol(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_video(tmp_path / "flight.mp4", IMAGES, [i / 10 for i in range(9)]).rename("file:12:30.mp4")
+    assert len(clip_of(Path("file:12:30.mp4"), tmp_path / "clip").frames) == 9
 
 
 def test_a_variable_frame_rate_is_kept_and_told(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -13,6 +14,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ from PIL import Image
 
 from aa4d.capture import colmap
 from aa4d.capture.advice import field_of_view_advice, no_model_advice
+from aa4d.capture.focal import map_globally
 from aa4d.capture.make import make_capture
 from aa4d.capture.orientation import umeyama
 from aa4d.capture.reader import read_capture, read_images
@@ -28,7 +31,7 @@ from aa4d.capture.selfcheck import check_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.truth import moving_mask
-from aa4d.capture.workspace import Progress
+from aa4d.capture.workspace import Progress, Workspace
 from aa4d.errors import InputError
 from tests.capture import aerial
 
@@ -362,7 +365,7 @@ def test_stopped_and_continued(flight: Path, tmp_path: Path) -> None:
     assert os.stat(features).st_mtime_ns == stamp
 
 
-def test_ctrl_c_while_a_stage_starts_stops_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_while_a_stage_starts_stops_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """An exception out of Thread.start would leave the stage running when the process ends, which aborts it."""
     start, ended = threading.Thread.start, threading.Event()
 
@@ -379,8 +382,84 @@ def test_ctrl_c_while_a_stage_starts_stops_it(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(threading.Thread, "start", interrupted_start)
     with pytest.raises(KeyboardInterrupt):
-        colmap.run(stage)
+        colmap.run(stage, tmp_path)
     assert ended.is_set()
+
+
+def test_a_disk_that_fills_while_a_stage_runs_stops_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """COLMAP would wait for its database for ever, or take the failed write for success."""
+    free, ended = [1 << 30, 1 << 30, 800_000], threading.Event()
+
+    def disk_usage(_: Path) -> SimpleNamespace:
+        return SimpleNamespace(free=free.pop(0) if len(free) > 1 else free[0])
+
+    def stage(token: Any) -> None:
+        deadline = time.monotonic() + 30
+        while not token.is_cancelled and time.monotonic() < deadline:
+            time.sleep(0.01)
+        if token.is_cancelled:
+            ended.set()
+
+    monkeypatch.setattr(shutil, "disk_usage", disk_usage)
+    with pytest.raises(OSError, match="less than 4 MiB are free") as full:
+        colmap.run(stage, tmp_path)
+    assert full.value.errno == errno.ENOSPC
+    assert ended.is_set()
+    with pytest.raises(OSError, match="less than 32 MiB are free"):
+        colmap.run(stage, tmp_path)
+
+
+@pytest.mark.parametrize("file", ["cameras.bin", "images.bin", "points3D.bin"])
+@pytest.mark.parametrize("left", [0, 20])
+def test_a_model_that_could_not_be_written_is_noticed_and_the_same_command_heals(
+    made: CaptureSummary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, left: int
+) -> None:
+    import pycolmap
+
+    from aa4d.capture.clip import Clip, ClipFrame
+    from aa4d.capture.mapping import adopt_step
+
+    model = pycolmap.Reconstruction(made.folder / "work/cameras/model")
+    frames = tuple(ClipFrame(model.image(i).name, "", 0.0, 0, 1.0, None) for i in model.reg_image_ids())
+    clip = Clip(tmp_path, 320, 240, (320, 240), frames, ())
+
+    def adopted() -> Any:
+        return Workspace(tmp_path / "work", lambda *_: lambda *_: None).run(adopt_step(clip, model))
+
+    write = pycolmap.Reconstruction.write
+
+    def write_until_full(self: Any, folder: Path) -> None:
+        write(self, folder)
+        (folder / file).write_bytes((folder / file).read_bytes()[:left])
+
+    monkeypatch.setattr(pycolmap.Reconstruction, "write", write_until_full)
+    with pytest.raises(InputError, match=r"no space is left .*COLMAP could not write its model.*the same command"):
+        adopted()
+    monkeypatch.undo()
+    whole = adopted()
+    assert whole.read().num_reg_images() == len(frames)
+    # As an earlier version left it: recorded as done.
+    (whole.folder / "model" / file).write_bytes(b"")
+    record = json.loads((whole.folder / "done.json").read_text())
+    record["sizes"][f"model/{file}"] = 0
+    (whole.folder / "done.json").write_text(json.dumps(record))
+    assert adopted().read().num_points3D() == model.num_points3D()
+
+
+def test_the_global_mapper_finds_the_field_of_view_and_its_failure_is_none(
+    made: CaptureSummary, tmp_path: Path
+) -> None:
+    database, images = made.folder / "work/matches/database.db", made.folder / "work/frames"
+    names = sorted(path.name for path in images.glob("*.png"))
+    before = database.read_bytes()
+    model = map_globally(database, images, names, 0, 1, tmp_path / "found")
+    assert model.num_reg_images() == len(names)
+    camera = next(iter(model.cameras.values()))
+    assert camera.mean_focal_length() == pytest.approx(aerial.FOCAL, rel=0.05)
+    assert database.read_bytes() == before
+    assert map_globally(database, images, ["nobody.png"], 0, 1, tmp_path / "nothing") is None
+    (tmp_path / "empty.db").touch()
+    assert map_globally(tmp_path / "empty.db", images, names, 0, 1, tmp_path / "broken") is None
 
 
 def test_features_go_on_in_the_middle(made: CaptureSummary, tmp_path: Path) -> None:

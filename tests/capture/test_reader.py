@@ -6,9 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from plyfile import PlyData, PlyElement
 
 from aa4d.capture.reader import read_capture, read_image, read_images
 from aa4d.capture.truth import boxes_of, moving_mask
@@ -57,6 +59,7 @@ def test_moving_pixels_are_those_of_instances_that_move_at_that_frame(toy_captur
         (lambda d: d["frames"][3].update(image="/etc/passwd"), "leaves the capture folder"),
         (lambda d: d["frames"][3].update(split="validation"), 'expected "train" or "test"'),
         (lambda d: d["frames"][3].update(t=0.0), "does not follow"),
+        (lambda d: d["frames"][3].update(time_s=0.1), "time_s of frame '000003' does not follow"),
         (lambda d: d["frames"][3].update(t=math.inf), "finite number"),
         (lambda d: d["frames"][3].update(name="000002"), "duplicate frame name"),
         (lambda d: d["frames"].clear(), '"frames" is missing or empty'),
@@ -70,6 +73,8 @@ def test_moving_pixels_are_those_of_instances_that_move_at_that_frame(toy_captur
         (lambda d: d["frames"][3].update(name="\ud800"), "no plain file name"),
         (lambda d: d["frames"][3]["viewmat"][0].__setitem__(3, 10**400), "not a 4x4 matrix"),
         (lambda d: d["camera"].update(model="FISHEYE"), "FISHEYE"),
+        (lambda d: d["camera"].update(distortion={"k1": 0.1}), "camera has the key 'distortion'"),
+        (lambda d: d["camera"].update(k1=0.1), "camera has the key 'k1', which a PINHOLE does not know"),
         (lambda d: d["camera"].update(width=-3), "positive integers"),
         (lambda d: d["camera"]["K"][0].__setitem__(0, 0), "focal length"),
         (lambda d: d["camera"]["K"][0].__setitem__(1, 3.0), "skew"),
@@ -110,11 +115,36 @@ def test_image_of_another_size_is_named(toy_capture: Path) -> None:
         read_image(capture, capture.frames[4])
 
 
-def test_an_image_of_sixteen_bits_is_refused_rather_than_read_as_white(toy_capture: Path) -> None:
-    Image.fromarray(np.full((32, 48), 30_000, np.uint16)).save(toy_capture / "frames/000004.png")
+@pytest.mark.parametrize("shape", [(32, 48), (32, 48, 3), (32, 48, 4)])
+def test_an_image_of_sixteen_bits_is_refused_rather_than_cut_off(toy_capture: Path, shape: tuple[int, ...]) -> None:
+    pixels = np.full(shape, 30_000, np.uint16)
+    pixels[..., 3:] = 65_535
+    cv2.imwrite(str(toy_capture / "frames/000004.png"), pixels)
     capture = read_capture(toy_capture)
     with pytest.raises(InputError, match=r"000004.png: .* expected 8 bits a channel"):
         read_image(capture, capture.frames[4])
+
+
+def test_a_transparent_image_is_refused_and_one_with_an_idle_alpha_is_read(toy_capture: Path) -> None:
+    pixels = np.full((32, 48, 4), [10, 20, 30, 255], np.uint8)
+    capture = read_capture(toy_capture)
+    Image.fromarray(pixels).save(toy_capture / "frames/000004.png")
+    assert (read_image(capture, capture.frames[4]) == [10, 20, 30]).all()
+    pixels[3, 4, 3] = 254
+    Image.fromarray(pixels).save(toy_capture / "frames/000004.png")
+    with pytest.raises(InputError, match=r"000004.png: .* transparent in places"):
+        read_image(capture, capture.frames[4])
+
+
+@pytest.mark.parametrize("kind", ["f4", "f8", "u2", "i1", "i4"])
+def test_colors_of_points_that_are_no_bytes_are_refused(toy_capture: Path, kind: str) -> None:
+    """Floats from 0 to 1 would become black, and 16 bits would wrap."""
+    vertex = PlyData.read(str(toy_capture / "points.ply"))["vertex"].data
+    colors = [(name, kind) for name in ("red", "green", "blue")]
+    other = vertex.astype([(name, "f4") for name in "xyz"] + colors)
+    PlyData([PlyElement.describe(other, "vertex")]).write(str(toy_capture / "points.ply"))
+    with pytest.raises(InputError, match=r"points\.ply: colors are \w+, expected bytes"):
+        read_capture(toy_capture)
 
 
 def test_damaged_truth_is_named(toy_capture: Path) -> None:

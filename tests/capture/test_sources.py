@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from aa4d.capture.annotations import Annotations, read_annotations
 from aa4d.capture.clip import Clip, ClipFrame
@@ -20,7 +22,7 @@ from aa4d.capture.movers import box_mask, write_masks
 from aa4d.capture.reader import read_capture
 from aa4d.capture.schema import PinholeCamera
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
-from aa4d.capture.sources import open_source
+from aa4d.capture.sources import Source, open_source
 from aa4d.capture.sources.posed import same_shape
 from aa4d.capture.truth import boxes_of, moving_mask
 from aa4d.capture.workspace import Progress
@@ -295,7 +297,6 @@ def test_a_stated_field_of_view_for_cameras_that_have_theirs_is_refused(tmp_path
 def test_a_colmap_model_is_levelled_and_its_frames_stay_as_they_are(tmp_path: Path) -> None:
     """A model that stands askew, with points and their tracks: as COLMAP leaves it."""
     import pycolmap
-    from PIL import Image
 
     source = given(tmp_path / "given", with_points=False)
     first = make_capture(source, tmp_path / "first", replace(SETTINGS, movers="off"), None, silent)
@@ -343,6 +344,19 @@ SHEARED = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # its dete
         (lambda d: d.pop("w"), "key 'w' is missing, for frame 0; export it again"),
         (lambda d: d.pop("fl_x"), "key 'fl_x' is missing"),
         (lambda d: d.update(h="tall"), "frame 0 cannot be understood"),
+        (lambda d: d.update(w=math.inf), "frame 0 cannot be understood"),
+        (lambda d: d.update(w=10**400), "frame 0 cannot be understood"),
+        (lambda d: d.update(w=320.5), "w and h are 320.5 and 240, expected whole pixels"),
+        (lambda d: d.update(w=True), "w is True, expected a number"),
+        (lambda d: d.update(fl_x=10**400), "frame 0 cannot be understood"),
+        (lambda d: d["frames"][0]["transform_matrix"][0].__setitem__(3, 10**400), "frame 0 cannot be understood"),
+        (lambda d: d["frames"][0].update(file_path=7), "file_path is no text"),
+        (lambda d: d.update(k4=0.1), "k4 is not supported; undistort the pictures first"),
+        (lambda d: d.update(is_fisheye=True), "camera_model a fisheye is not supported"),
+        (lambda d: d["frames"][3].update(time=math.nan), "time is nan"),
+        (lambda d: d["frames"][3].update(time="noon"), "frame 3 cannot be understood"),
+        (lambda d: d["frames"][3].pop("time"), 'only 8 of 9 frames have a "time"'),
+        (lambda d: d["frames"][3].update(time=0.5), '"time" of frames/000003.png and frames/000004.png is the same'),
         (lambda d: d["frames"][0].update(file_path="../../secret.png"), "lies outside"),
         (
             lambda d: d["frames"][0]["transform_matrix"].__setitem__(3, [0, 0, 0, 2]),
@@ -363,11 +377,132 @@ SHEARED = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # its dete
 def test_damaged_transforms_are_refused(tmp_path: Path, change: Callable[[Any], object], says: str) -> None:
     source = given(tmp_path / "given", with_points=False)
     document = json.loads((source / "transforms.json").read_text())
+    (source / "capture.json").unlink()  # whose times would hold
     change(document)
     (source / "transforms.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"transforms\.json|given") as refusal:
         open_source(source, Selection(), None)
     assert says in str(refusal.value)
+
+
+def foreign(folder: Path, change: Callable[[Any], object], name: str = "transforms.json") -> Source:
+    """A nerfstudio folder that another program made; `change` edits the cameras."""
+    source = given(folder, with_points=False)
+    document = json.loads((source / "transforms.json").read_text())
+    for file in ("capture.json", "transforms.json"):
+        (source / file).unlink()
+    change(document)
+    (source / name).write_text(json.dumps(document))
+    return open_source(source, Selection(), None)
+
+
+def test_times_of_transforms_are_those_of_its_frames(tmp_path: Path) -> None:
+    """Reversed, and with a gap: only order and spacing have a meaning."""
+    seconds = [0, 1, 2, 3, 4, 12, 13, 14, 16]
+    opened = foreign(
+        tmp_path / "given", lambda d: [f.update(time=-3.5 * s) for f, s in zip(d["frames"], seconds, strict=True)]
+    )
+    pictures = list(opened.pictures)
+    assert [p.label for p in pictures] == [f"frames/{i:06}.png" for i in reversed(range(9))]
+    assert [p.number for p in pictures] == list(reversed(range(9)))
+    mean_step = 16 / 8
+    expected = [(16 - s) / mean_step / 30 for s in reversed(seconds)]
+    assert [p.time_s for p in pictures] == pytest.approx(expected)
+    assert opened.times_s() == pytest.approx(expected)
+    assert any("30 frames a second are taken for the mean (--fps)" in note for note in opened.notes)
+
+
+def test_times_that_are_all_the_same_say_nothing(tmp_path: Path) -> None:
+    opened = foreign(tmp_path / "given", lambda d: [f.update(time=0) for f in d["frames"]])
+    assert opened.times_s() == pytest.approx(np.arange(9) / 30)
+    assert any('"time" is the same for all frames' in note for note in opened.notes)
+
+
+def test_distortion_is_kept_to_its_last_coefficient(tmp_path: Path) -> None:
+    """Whatever the camera's kind is called. OpenCV's formula at one ray, by hand."""
+    lens = {"k1": -0.2, "k2": 0.05, "p1": 0.01, "p2": -0.02, "k3": 0.3}
+    opened = foreign(tmp_path / "given", lambda d: d.update(camera_model="PINHOLE", **lens))
+    assert opened.posed is not None
+    camera = next(iter(opened.posed.model.cameras.values()))
+    x, y = 0.3, -0.2
+    r2 = x * x + y * y
+    radial = 1 - 0.2 * r2 + 0.05 * r2**2 + 0.3 * r2**3
+    u = x * radial + 2 * 0.01 * x * y - 0.02 * (r2 + 2 * x * x)
+    v = y * radial + 0.01 * (r2 + 2 * y * y) - 2 * 0.02 * x * y
+    fx, fy, cx, cy = camera.params[:4]
+    assert camera.img_from_cam(np.array([x, y, 1.0])) == pytest.approx([fx * u + cx, fy * v + cy])
+
+
+def test_keys_that_are_not_read_are_named(tmp_path: Path) -> None:
+    opened = foreign(tmp_path / "given", lambda d: d["frames"][2].update(mask_path="m.png", colmap_im_id=4))
+    unread = "mask_path, ply_file_path, test_filenames, train_filenames, val_filenames"
+    assert f"not used of transforms.json: {unread}" in opened.notes
+
+
+def test_d_nerf_names_its_pictures_without_ending_and_their_size_not_at_all(tmp_path: Path) -> None:
+    def change(document: Any) -> None:
+        for key in ("w", "h", "cx", "cy", "fl_x", "fl_y", "camera_model", "k1", "k2", "p1", "p2"):
+            document.pop(key)
+        document["camera_angle_x"] = 2 * math.atan(0.5)
+        for frame in document["frames"]:
+            frame["file_path"] = "./" + frame["file_path"].removesuffix(".png")
+
+    opened = foreign(tmp_path / "given", change, "transforms_train.json")
+    assert [p.label for p in opened.pictures] == [f"frames/{i:06}.png" for i in range(9)]
+    assert opened.posed is not None
+    camera = next(iter(opened.posed.model.cameras.values()))
+    assert (camera.width, camera.height) == (320, 240)
+    assert list(camera.params) == pytest.approx([320, 320, 160, 120])
+
+
+def test_of_several_colmap_models_the_largest_is_taken_and_named(tmp_path: Path) -> None:
+    source = given(tmp_path / "given", with_points=True)
+    (source / "transforms.json").unlink()
+    (source / "sparse/0").rename(source / "sparse/10")
+    (source / "sparse/0").mkdir()
+    for name in ("cameras.txt", "points3D.txt"):
+        (source / "sparse/0" / name).write_bytes((source / "sparse/10" / name).read_bytes())
+    images = (source / "sparse/10/images.txt").read_text().splitlines(keepends=True)
+    (source / "sparse/0/images.txt").write_text("".join(images[:8]))
+    (source / "sparse/2").mkdir()
+    for name in ("cameras.txt", "images.txt", "points3D.txt"):
+        (source / "sparse/2" / name).write_text("1 nonsense\n")
+    opened = open_source(source, Selection(), None)
+    assert opened.posed is not None
+    assert opened.posed.model.num_reg_images() == 9
+    assert any(
+        n.startswith("of 2 models the largest is used: ") and "10 (9 frames); not 0 (4)" in n for n in opened.notes
+    )
+    assert any(n.startswith("not used: ") and "sparse/2" in n for n in opened.notes)
+
+
+def photograph(path: Path, taken: str | None) -> None:
+    exif = Image.Exif()
+    if taken is not None:
+        exif.get_ifd(0x8769)[0x9003] = taken
+    Image.new("RGB", (64, 48), (90, 120, 60)).save(path, exif=exif)
+
+
+def test_a_counter_that_begins_anew_is_put_in_order_by_exif(tmp_path: Path) -> None:
+    """DJI counts to 0999 and goes on with 0001; two photographs may be of one second."""
+    names = ["0997", "0998", "0999", "0001", "0002"]
+    for name, second in zip(names, ("10", "12", "14", "14", "16"), strict=True):
+        photograph(tmp_path / f"DJI_{name}.jpg", f"2024:06:01 12:00:{second}")
+    opened = open_source(tmp_path, Selection(), None)
+    assert [p.label for p in opened.pictures] == [f"DJI_{name}.jpg" for name in names]
+    assert opened.times_s() == pytest.approx([0, 2, 4, 4.5, 6])
+    assert any("begins anew" in note for note in opened.notes)
+    stated = open_source(tmp_path, Selection(source_fps=2), None)
+    assert [p.label for p in stated.pictures] == [f"DJI_{name}.jpg" for name in names]
+    assert stated.times_s() == pytest.approx([0, 0.5, 1, 1.5, 2])
+
+
+def test_names_without_exif_keep_their_order_and_their_gaps(tmp_path: Path) -> None:
+    for number in (3, 4, 7):
+        photograph(tmp_path / f"{number}.jpg", "2024:06:01 12:00:00" if number == 3 else None)
+    opened = open_source(tmp_path, Selection(source_fps=10), None)
+    assert opened.times_s() == pytest.approx([0, 0.1, 0.4])
+    assert opened.notes == []
 
 
 def test_a_damaged_colmap_model_is_refused(tmp_path: Path) -> None:

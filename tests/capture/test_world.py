@@ -47,6 +47,18 @@ def test_positions_in_subtitles_of_dji_drones(tmp_path: Path, text: str) -> None
     assert track.at(9.0) is None
 
 
+@pytest.mark.parametrize("number", ["1e999", "-1e3", "9" * 400, "9" * 5000, "nan", "1.5.2"])
+def test_what_is_no_number_in_subtitles_is_not_taken_for_a_part_of_it(tmp_path: Path, number: str) -> None:
+    entry = "1\n{}:00:03,000 --> 00:00:05,000\n[latitude: {}] [longitude: {}] [altitude: {}]\n"
+    path = tmp_path / "DJI.SRT"
+    for values in ((number, "47.1", "8.5", "12.0"), ("00", number, "8.5", "12.0"), ("00", "47.1", number, "12.0")):
+        path.write_text(entry.format(*values))
+        assert read_subtitles(path) is None
+    path.write_text(entry.format("00", "47.1", "8.5", number))
+    track = read_subtitles(path)
+    assert track is None or np.isfinite(track.values).all()
+
+
 def test_subtitles_without_a_fix_give_no_positions(tmp_path: Path) -> None:
     (tmp_path / "a.srt").write_text("1\n00:00:00,000 --> 00:00:01,000\n[latitude: 0.0] [longitude: 0.0]\n")
     assert read_subtitles(tmp_path / "a.srt") is None

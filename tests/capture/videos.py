@@ -13,12 +13,20 @@ from numpy.typing import NDArray
 TICKS = 1000  # a second
 
 
-def write_video(path: Path, images: list[NDArray[np.uint8]], times_s: list[float], codec: str = "mpeg4") -> Path:
+def write_video(
+    path: Path,
+    images: list[NDArray[np.uint8]],
+    times_s: list[float],
+    codec: str = "mpeg4",
+    pixel_aspect: Fraction | None = None,
+) -> Path:
     """A video of high quality (MPEG-4 part 2 by default) whose frames have those presentation times."""
     with av.open(str(path), "w") as container:
         stream = cast(av.VideoStream, container.add_stream(codec, rate=25))
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = "yuv420p"
+        if pixel_aspect is not None:
+            stream.codec_context.sample_aspect_ratio = pixel_aspect
         stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS)
         stream.bit_rate = 8_000_000
         stream.codec_context.gop_size = 4 if codec == "mpeg4" else 250

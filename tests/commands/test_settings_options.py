@@ -175,16 +175,6 @@ def test_a_capture_takes_settings_too(
     assert "did you mean reconstruction.features?" in capsys.readouterr().err
 
 
-def test_methods_are_compared_without_settings_that_reach_one_of_them(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], toy_capture: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    for option in (("--set", "loss.dssim=0.5"), ("--motion", "tracks")):
-        assert aa4d(monkeypatch, "ablate", "methods", toy_capture, "--out", out, *option) == 2
-        assert "methods have settings of their own" in capsys.readouterr().err
-    assert not out.exists()
-
-
 def test_a_setting_of_motion_that_is_off_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], toy_capture: Path, tmp_path: Path
 ) -> None:

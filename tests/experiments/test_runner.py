@@ -15,8 +15,9 @@ import pytest
 
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
-from aa4d.experiments.runner import run_experiment, trials_of
-from aa4d.experiments.trial import finished_row, run_trial
+from aa4d.experiments.runner import Outcome, Watcher, run_experiment, trials_of
+from aa4d.experiments.tables import write_tables
+from aa4d.experiments.trial import Row, Trial, finished_row, run_trial
 from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
 from aa4d.files import write_json
 from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
@@ -49,36 +50,44 @@ class Quiet:
         self.ended.append(f"{name}: {sentence}")
 
 
+def run_all(experiment: Experiment, trials: list[Trial], out: Path, jobs: int, watcher: Watcher) -> list[Row]:
+    def write(outcome: Outcome) -> None:
+        if outcome.rows:
+            write_tables(experiment, outcome.rows, out)
+
+    return run_experiment(experiment, trials, out, jobs, watcher, write).checked()
+
+
 def test_trials_run_once_side_by_side_and_their_rows_stay(toy_capture: Path, tmp_path: Path) -> None:
     out = tmp_path / "two"
     trials = trials_of(TWO, [toy_capture], out, TINY, 1)
     first, again = Quiet(), Quiet()
-    rows = run_experiment(TWO, trials, out, 2, first)
+    rows = run_all(TWO, trials, out, 2, first)
     assert [row["variant"] for row in rows] == ["product", "gamma 2"]
     assert len(first.ended) == 2
     written = (out / "rows.csv").read_bytes()
-    assert run_experiment(TWO, trials, out, 2, again) == rows
+    assert run_all(TWO, trials, out, 2, again) == rows
     assert (again.finished, again.ended) == (2, [])
     assert (out / "rows.csv").read_bytes() == written
     assert (out / "capture/product/seed0/model.safetensors").exists()
     with pytest.raises(InputError, match="another training"):
-        run_experiment(TWO, trials_of(TWO, [toy_capture], out, replace(TINY, voxel_px=9.0), 1), out, 1, Quiet())
+        run_all(TWO, trials_of(TWO, [toy_capture], out, replace(TINY, voxel_px=9.0), 1), out, 1, Quiet())
 
 
 def test_a_capture_of_that_name_that_is_another_is_refused_and_more_seeds_are_added(
     toy_capture: Path, tmp_path: Path
 ) -> None:
     out, one = tmp_path / "one", Experiment("one", "One", (Variant("good"),))
-    run_experiment(one, trials_of(one, [toy_capture], out, TINY, 1), out, 1, Quiet())
-    rows = run_experiment(one, trials_of(one, [toy_capture], out, TINY, 2), out, 1, Quiet())
+    run_all(one, trials_of(one, [toy_capture], out, TINY, 1), out, 1, Quiet())
+    rows = run_all(one, trials_of(one, [toy_capture], out, TINY, 2), out, 1, Quiet())
     assert [row["seed"] for row in rows] == [0, 1]
     index = json.loads((out / "experiment.json").read_text())
     assert (index["seeds"], index["training"]["fine_iterations"], list(index["captures"])) == ([0, 1], 4, ["capture"])
     with pytest.raises(InputError, match=r"holds runs with another training\.fine_iterations: 4 there, 5 asked for"):
-        run_experiment(one, trials_of(one, [toy_capture], out, replace(TINY, fine_iterations=5), 1), out, 1, Quiet())
+        run_all(one, trials_of(one, [toy_capture], out, replace(TINY, fine_iterations=5), 1), out, 1, Quiet())
     change_frame(toy_capture)
     with pytest.raises(InputError, match="its runs of capture were made from another capture than"):
-        run_experiment(one, trials_of(one, [toy_capture], out, TINY, 1), out, 1, Quiet())
+        run_all(one, trials_of(one, [toy_capture], out, TINY, 1), out, 1, Quiet())
     assert json.loads((out / "experiment.json").read_text()) == index
 
 
@@ -99,7 +108,7 @@ def test_a_trial_that_fails_does_not_stop_the_others(toy_capture: Path, tmp_path
     broken = Experiment("one", "One", (Variant("bad", {"aggregation": "vote"}), Variant("good")))
     watcher = Quiet()
     with pytest.raises(InputError, match=r"1 of 2 runs failed; first error: aggregation 'vote' is unknown"):
-        run_experiment(broken, trials_of(broken, [toy_capture], tmp_path / "x", TINY, 1), tmp_path / "x", 1, watcher)
+        run_all(broken, trials_of(broken, [toy_capture], tmp_path / "x", TINY, 1), tmp_path / "x", 1, watcher)
     with (tmp_path / "x/rows.csv").open() as file:
         assert [row["variant"] for row in csv.DictReader(file)] == ["good"]
 
@@ -114,13 +123,13 @@ def test_a_folder_of_something_else_is_left_alone(toy_capture: Path, tmp_path: P
     desk.mkdir()
     (desk / "letter.txt").touch()
     with pytest.raises(InputError, match="not empty and not the runs of an experiment"):
-        run_experiment(TWO, trials_of(TWO, [toy_capture], desk, TINY, 1), desk, 1, Quiet())
+        run_all(TWO, trials_of(TWO, [toy_capture], desk, TINY, 1), desk, 1, Quiet())
     assert [path.name for path in desk.iterdir()] == ["letter.txt"]
     out = tmp_path / "sweep"
     out.mkdir()
     (out / "experiment.json").write_text('{"experiment": "another"}')
     with pytest.raises(InputError, match="holds the runs of an experiment with other settings"):
-        run_experiment(TWO, trials_of(TWO, [toy_capture], out, TINY, 1), out, 1, Quiet())
+        run_all(TWO, trials_of(TWO, [toy_capture], out, TINY, 1), out, 1, Quiet())
 
 
 def test_every_variant_is_one_that_training_knows() -> None:

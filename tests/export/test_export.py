@@ -23,7 +23,7 @@ from aa4d.export import EXPORTERS, export
 from aa4d.export.clip import FAINTEST, VIEWER, Clip, WorldGaussians, mean_eye, turned, world_gaussians
 from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
 from aa4d.export.usd_points import linear
-from aa4d.filming.camera_path import View, path_of_frames, resampled, with_time
+from aa4d.filming.camera_path import View, looking_at, path_of_frames, resampled, with_time
 from aa4d.filming.layers import draw
 from aa4d.methods.model_file import LoadedModel, load_model, save_model
 from aa4d.motion.tracks import ALWAYS
@@ -80,6 +80,18 @@ def test_splats_look_like_the_model(clip: Clip, tmp_path: Path, axes: str) -> No
         difference = np.abs(shown.astype(int) - expected.astype(int))
         assert difference.mean() < 0.1
         assert (difference > 3).mean() < 0.01
+
+
+@pytest.mark.parametrize("height_m", [0.7, 2.0, 6.0])
+def test_close_to_the_ground_the_model_draws_what_its_splats_do(clip: Clip, tmp_path: Path, height_m: float) -> None:
+    """Where most of the picture belongs to anchors whose centres project beyond it."""
+    view = View("low", 0.4, looking_at(np.array([-3.0, -2.0, height_m]), np.array([1.0, 1.0, height_m / 2])))
+    write_splat_ply(tmp_path / "low.ply", world_gaussians(clip.loaded, view.t, view.center()))
+    shown = seen_in_metres(read_splats(tmp_path / "low.ply"), clip.loaded, view, np.eye(3))
+    expected = draw(clip.loaded, view, clip.loaded.camera, ["color"]).color
+    difference = np.abs(shown.astype(int) - expected.astype(int))
+    assert difference.mean() < 0.1
+    assert (difference > 3).mean() < 0.01
 
 
 def test_the_viewers_axes_have_the_sky_up() -> None:
@@ -157,6 +169,7 @@ api = UsdGeom.PrimvarsAPI(points)
 print(json.dumps({
     "up": UsdGeom.GetStageUpAxis(stage), "metres": UsdGeom.GetStageMetersPerUnit(stage),
     "fps": stage.GetTimeCodesPerSecond(), "end": stage.GetEndTimeCode(),
+    "codes": points.GetPointsAttr().GetTimeSamples(),
     "points": [[list(p) for p in points.GetPointsAttr().Get(t)] for t in (0, 1)],
     "ids": [list(points.GetIdsAttr().Get(t)) for t in (0, 1)],
     "velocities": [[list(p) for p in points.GetVelocitiesAttr().Get(t)] for t in (0, 1)],
@@ -170,11 +183,11 @@ print(json.dumps({
 """
 
 
-def usd_of(run: Path, out: Path) -> dict[str, Any]:
+def usd_of(run: Path, out: Path, views: str = "held-out") -> dict[str, Any]:
     """In processes of their own: Blender, which other tests load, brings a USD that is not to meet this one."""
     if find_spec("pxr") is None:
         pytest.skip("usd-core is not installed: pip install aa4d[export]")
-    arguments = ("export", str(run), "--format", "usd", "--views", "held-out", "--out", str(out))
+    arguments = ("export", str(run), "--format", "usd", "--views", views, "--out", str(out))
     subprocess.run([sys.executable, "-m", "aa4d.cli", *arguments], check=True, timeout=120)
     read = subprocess.run(
         [sys.executable, "-c", READ_USD, str(out / "points.usdc")],
@@ -224,7 +237,7 @@ def test_velocities_are_those_of_the_square(toy_run: Path) -> None:
     loaded = riding(toy_run)
     for views, speed in ((10, 12 / 0.9), (19, 12 / 1.8)):
         path = resampled(path_of_frames(loaded, "all"), views)
-        clip = Clip(loaded, replace(path, fps=10.0), None)
+        clip = Clip(loaded, replace(path, fps=10.0, at=np.arange(views) / 10), None)
         for index in (0, 4, views - 1):
             g = clip.gaussians(index)
             assert g.group is not None
@@ -252,6 +265,48 @@ def test_usd_tells_the_groups_apart_and_how_fast_they_go(toy_run: Path, tmp_path
         assert g.group is not None
         assert stage["group"][index] == g.group.tolist()
         np.testing.assert_allclose(stage["velocities"][index], clip.velocities(index, g.ids), atol=0.02)
+
+
+def left_out(loaded: LoadedModel) -> LoadedModel:
+    """The model of a film of whose frames some were left out: the first five a second apart, then a gap of six."""
+    seconds = [0.0, 1.0, 2.0, 3.0, 4.0, 10.0, 11.0, 12.0, 12.5, 15.0]
+    frames = tuple(replace(f, time_s=s) for f, s in zip(loaded.frames, seconds, strict=True))
+    return replace(loaded, frames=frames)
+
+
+def test_velocities_over_a_gap_are_those_of_its_seconds(toy_run: Path) -> None:
+    loaded = left_out(riding(toy_run))
+    clip = Clip(loaded, path_of_frames(loaded, "all"), None)
+    step_m = 12 / 9
+    # Half a step of one second before frame 4, half a gap of six after it.
+    for index, speed in ((1, step_m), (4, step_m / 3.5), (9, step_m / 2.5)):
+        g = clip.gaussians(index)
+        assert g.group is not None
+        np.testing.assert_allclose(clip.velocities(index, g.ids)[:, 0], np.where(g.group >= 0, speed, 0), atol=0.02)
+
+
+def test_usd_shows_each_frame_at_its_own_second(toy_run: Path, tmp_path: Path) -> None:
+    loaded = left_out(load_model(toy_run / "model.safetensors"))
+    capture = replace(read_capture(toy_run.parent / "capture"), frames=loaded.frames)
+    save_model(
+        tmp_path / "model.safetensors", loaded.method, loaded.model, is_static=False, capture=capture,
+        frame=loaded.frame, background=loaded.background, training={"seconds": 1.0},
+    )  # fmt: skip
+    stage = usd_of(tmp_path, tmp_path / "out", "all")
+    assert np.array(stage["codes"]) / stage["fps"] == pytest.approx([f.time_s for f in loaded.frames])
+    assert stage["end"] / stage["fps"] == pytest.approx(15)
+
+
+def test_4dgs_shows_each_frame_at_its_own_second(toy_run: Path, tmp_path: Path) -> None:
+    fourdgs = pytest.importorskip("fourdgs", reason="pip install aa4d[export]")
+    loaded = left_out(riding(toy_run))
+    clip = Clip(loaded, path_of_frames(loaded, "all"), np.array([0.0, 0, 20]))
+    export(clip, "4dgs", tmp_path / "out", silent)
+    scene = fourdgs.read(str(tmp_path / "out/scene.4dgs"))
+    assert scene.duration_sec == pytest.approx(15 + 15 / 9)
+    for index, second in ((0, 0.0), (4, 4.0), (5, 10.0), (8, 12.5)):
+        away, _ = KDTree(scene.state_at(second + 1e-4)["centers"]).query(clip.gaussians(index).means)
+        assert away.max() < 0.2  # what rides moves 12 / 9 m from one frame to the next
 
 
 def test_usd_plays_the_points(clip: Clip, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def arc(n: int) -> CameraPath:
         eye = 30.0 * np.array([math.cos(angle), math.sin(angle), 1.0])
         views.append(View(f"{i:06}", i / (n - 1), looking_at(eye, np.zeros(3))))
     camera = None
-    return CameraPath(tuple(views), np.linspace(0, 1, n), camera, 10.0)
+    return CameraPath(tuple(views), np.arange(n) / 10, camera, 10.0)
 
 
 def test_resampling_passes_through_every_view_and_keeps_to_the_arc() -> None:
@@ -112,11 +113,40 @@ def test_another_frame_rate_keeps_the_seconds() -> None:
     assert path.views[-1].t == 1
 
 
+SECONDS = [5.0, 6.0, 7.0, 8.0, 9.0, 15.0, 16.0, 17.0, 17.5, 20.0]  # a film of which frames were left out
+
+
+def uneven(loaded: LoadedModel) -> LoadedModel:
+    return replace(loaded, frames=tuple(replace(f, time_s=s) for f, s in zip(loaded.frames, SECONDS, strict=True)))
+
+
+def test_each_frame_is_shown_at_its_own_second(loaded: LoadedModel) -> None:
+    path = path_of_frames(uneven(loaded), "all")
+    assert path.at.tolist() == [s - 5 for s in SECONDS]
+    assert path.fps == pytest.approx(9 / 15)
+    assert path.as_json()["seconds"] == path.at.tolist()
+    every_half = at_rate(path, 2)
+    assert len(every_half.views) == 31
+    for second, frame in ((0, 0), (4, 4), (10, 5), (12.5, 8), (15, 9)):
+        view = every_half.views[int(2 * second)]
+        assert view.t == pytest.approx(loaded.frames[frame].t)
+        np.testing.assert_allclose(view.viewmat, loaded.frames[frame].viewmat, atol=1e-9)
+    # Half-way through the gap of six seconds, half-way between its two frames.
+    assert every_half.views[14].t == pytest.approx((loaded.frames[4].t + loaded.frames[5].t) / 2)
+    assert "seconds" not in path_of_frames(loaded, "all").as_json()
+
+
+def test_seconds_of_a_model_are_those_of_its_frames(loaded: LoadedModel) -> None:
+    film = uneven(loaded)
+    assert [film.seconds_at(frame.t) for frame in film.frames] == pytest.approx(SECONDS)
+    assert film.seconds_at((loaded.frames[4].t + loaded.frames[5].t) / 2) == pytest.approx(12)
+
+
 @pytest.mark.parametrize("views", [1, 2, 3])
 def test_a_hovering_camera_stays_where_it_is(views: int) -> None:
     still = viewmat(np.array([1.0, 2, 20]))
     path = CameraPath(
-        tuple(View(str(i), i / 3, still) for i in range(views)), np.arange(views, dtype=float), None, 10.0
+        tuple(View(str(i), i / 3, still) for i in range(views)), np.arange(views) / 10, None, 10.0
     )  # fmt: skip
     for view in resampled(path, 7).views:
         np.testing.assert_allclose(view.viewmat, still, atol=1e-9)

@@ -194,6 +194,16 @@ def test_a_video_plays_with_its_colours(tmp_path: Path) -> None:
         np.testing.assert_allclose(frame[16, 20], shade, atol=4)
 
 
+def test_a_video_shows_each_picture_at_its_own_second(tmp_path: Path) -> None:
+    seconds = [0.0, 1.0, 2.0, 3.0, 9.5, 10.0]
+    pictures = (np.full((32, 48, 3), 40 * rank, np.uint8) for rank in range(len(seconds)))
+    write_video(tmp_path / "a.mp4", pictures, 0.5, np.array(seconds))
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        decoded = [(float(frame.time or 0), frame.to_ndarray(format="gray").mean()) for frame in container.decode()]
+    assert [time for time, _ in decoded] == pytest.approx(seconds, abs=1e-4)
+    assert [shade for _, shade in decoded] == sorted(shade for _, shade in decoded)
+
+
 def test_a_video_that_fails_leaves_nothing(tmp_path: Path) -> None:
     def broken() -> object:
         yield np.zeros((8, 8, 3), np.uint8)
@@ -221,6 +231,10 @@ def test_motion_and_speed_are_those_of_the_group_that_an_anchor_rides_on(toy_run
     for t in (0.0, 0.5, 1.0):
         torch.testing.assert_close(displacement_m(loaded, t), (group >= 0) * 12.0 * t, atol=1e-3, rtol=0)
         torch.testing.assert_close(speed_mps(loaded, t), (group >= 0) * 12 / 0.9, atol=1e-2, rtol=0)
+    slow = replace(loaded, frames=tuple(replace(f, time_s=i**2 / 10) for i, f in enumerate(loaded.frames)))
+    for t, seconds in ((0.0, 0.05), (4 / 9, 0.8), (1.0, 0.85)):  # of half a step to each side
+        way = 12 / 9 * (1 if t == 4 / 9 else 0.5)
+        torch.testing.assert_close(speed_mps(slow, t), (group >= 0) * way / seconds, atol=1e-2, rtol=0)
     assert speed_mps(loaded, None).abs().max() == 0
 
 

@@ -1,5 +1,6 @@
 """What `aa4d inspect` shows is what the model holds."""
 
+import math
 import re
 import shutil
 from pathlib import Path
@@ -12,7 +13,7 @@ from PIL import Image
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.field.planes import PLANES
-from aa4d.inspection.history import read_history
+from aa4d.inspection.history import history_figure, read_history
 from aa4d.inspection.motion_groups import groups_by_motion, groups_by_truth
 from aa4d.inspection.page import inspect
 from aa4d.inspection.trajectories import FARTHEST_ANCHORS, trajectories
@@ -168,7 +169,8 @@ def test_the_growth_of_the_anchors_is_shown(run: Path) -> None:
         ("step,stage,loss\n1,coarse,0.1\n", "has no column 'psnr_db'"),
         ("step,stage,psnr_db,anchors\n1,coarse,x,5\n", "cannot be read as a history"),
         ("step,stage,psnr_db,anchors\n1,coarse\n", "cannot be read as a history"),
-        ("step,stage,psnr_db,anchors\n1,coarse,nan,5\n", "not finite"),
+        ("step,stage,psnr_db,anchors\n1,coarse,nan,5\n", "psnr_db of step 1 is nan"),
+        ("step,stage,psnr_db,anchors\n1,coarse,-inf,5\n", "psnr_db of step 1 is -inf"),
     ],
 )
 def test_a_damaged_history_is_refused(tmp_path: Path, text: str, says: str) -> None:
@@ -239,3 +241,14 @@ def test_a_page_of_a_model_with_groups_names_them(run: Path) -> None:
     assert "Paths of the 2 rigid groups" in page.read_text()
     assert (page.parent / "trajectories.png").exists()
     assert len(list(page.parent.glob("*_trajectories.png"))) == 2
+
+
+def test_a_history_without_any_error_is_shown(tmp_path: Path) -> None:
+    """Training of an all-black clip writes infinite PSNR: what it wrote itself is no damage."""
+    rows = "".join(f"{20 * i},{'coarse' if i < 5 else 'fine'},{20.5 if i < 3 else 'inf'},9\n" for i in range(1, 9))
+    for text in (rows, rows.replace("20.5", "inf")):
+        (tmp_path / "history.csv").write_text("step,stage,psnr_db,anchors\n" + text)
+        history = read_history(tmp_path / "history.csv")
+        assert history is not None
+        assert [row.psnr_db for row in history[2:]] == [math.inf] * 6
+        history_figure(history).savefig(tmp_path / "history.png")

@@ -34,8 +34,10 @@ from aa4d.training.trainer import train
 from tests.methods.test_every_method import short
 import torch
 torch.set_num_threads(1)
-def progress(stage, iteration, *_):
-    if (stage, iteration) == ("fine", 21):
+done = []
+def progress(*_):
+    done.append(1)
+    if len(done) == 24 + 21:
         os.kill(os.getpid(), signal.SIGKILL)
 train(read_capture(Path(sys.argv[1])), Path(sys.argv[2]), short(sys.argv[3]), progress)
 """

@@ -21,7 +21,8 @@ SHORT = AdaAnchor4DSettings(
 )
 OFTEN_SAVED = replace(SHORT, checkpoint_every=8)
 RIDING = replace(OFTEN_SAVED, motion=MotionSettings(tracks="truth"))  # the square of the toy capture is a rigid group
-CONFIGS = {"paper": OFTEN_SAVED, "riding": RIDING}
+SELDOM_SAVED = replace(SHORT, checkpoint_every=1000)  # but for where a stage ends
+CONFIGS = {"paper": OFTEN_SAVED, "riding": RIDING, "seldom": SELDOM_SAVED}
 
 
 def kill_myself() -> None:

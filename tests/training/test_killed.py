@@ -53,6 +53,7 @@ def steps(run: Path) -> list[str]:
         ("paper", "model.safetensors", 1),
         ("riding", "tracks.npz", 1),
         ("riding", "fine", 29),
+        ("seldom", "fine", 9),
     ],
 )
 def test_a_killed_run_continues_to_the_same_bits(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from functools import partial
+from itertools import groupby, pairwise
 from pathlib import Path
 
 import pycolmap
+from PIL import Image
 
 from aa4d.capture.annotations import read_annotations
 from aa4d.capture.clip import Picture
@@ -18,16 +21,17 @@ from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source
 from aa4d.errors import InputError
 
+EXIF_OF_PHOTOGRAPH = 0x8769
+DATE_TIME_ORIGINAL = 0x9003
+SUBSECOND_ORIGINAL = 0x9291
+
 
 def recognises(path: Path) -> bool:
     return path.is_dir()
 
 
 def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:
-    """Frames in the order of their numbers, or of their names where one has none.
-
-    The number gives the time too, so that a gap in the numbers is a gap in time.
-    """
+    """Frames in the order of their numbers, or of their names where one has none, unless EXIF knows better."""
     found = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     files = [p for p in found if p.suffix.lower() in EXTENSIONS]
     notes = []
@@ -37,11 +41,7 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     if not files:
         raise InputError(f"{path}: holds no picture ({', '.join(EXTENSIONS)}); give the folder that holds the frames")
     files, numbers = in_order(files)
-    times = [i / selection.folder_fps for i in range(len(files))]
-    if numbers is not None:
-        times = [(n - numbers[0]) / selection.folder_fps for n in numbers]
-    elif len(files) > 1:
-        notes.append("file names without numbers: their alphabetical order is taken for that of time")
+    times = times_of(files, numbers, selection, notes)
     pictures = [
         picture_of(file, time_s, None if numbers is None else numbers[i])
         for i, (file, time_s) in enumerate(zip(files, times, strict=True))
@@ -74,12 +74,74 @@ def picture_of(file: Path, time_s: float, number: int | None) -> Picture:
 
 
 def in_order(files: list[Path]) -> tuple[list[Path], list[int] | None]:
-    """Files by the last number in their names, and those numbers; None where a name has none or one occurs twice."""
+    """Files in the order of time, and the last number in each one's name; None where one has none or one occurs twice.
+
+    That is the order of the numbers, or else of the names. Where EXIF says of all files when they were taken, and that
+    some of higher numbers came earlier, a counter has begun anew, and EXIF's order is right.
+    """
     found = [re.findall(r"\d+", file.stem) for file in files]
-    if not all(found):
-        return sorted(files, key=lambda p: p.name), None
-    numbers = [int(digits[-1]) for digits in found]
-    if len(set(numbers)) < len(numbers):
+    numbers = [int(digits[-1]) for digits in found if digits]
+    if len(set(numbers)) < len(files):
         return sorted(files, key=lambda p: p.name), None
     order = sorted(range(len(files)), key=numbers.__getitem__)
+    taken = taken_s([files[i] for i in order])
+    if taken is not None and any(after < before for before, after in pairwise(taken)):
+        order = _unrolled(order, taken)
     return [files[i] for i in order], [numbers[i] for i in order]
+
+
+def _unrolled(order: list[int], taken: list[float]) -> list[int]:
+    """In the order of EXIF; those of one second as they were, but for a counter that began anew in it."""
+    falls = [i for i in range(1, len(taken)) if taken[i] < taken[i - 1]]
+    if len(falls) == 1 and taken[-1] <= taken[0]:
+        return order[falls[0] :] + order[: falls[0]]
+    return [order[i] for i in sorted(range(len(order)), key=taken.__getitem__)]
+
+
+def times_of(files: list[Path], numbers: list[int] | None, selection: Selection, notes: list[str]) -> list[float]:
+    """Seconds of files in order, from 0: EXIF's, or by number, so that a gap in the numbers is one in time.
+
+    What is said of it is added to `notes`. A stated --fps holds whatever EXIF says of the seconds.
+    """
+    if len(files) < 2:
+        return [0.0] * len(files)
+    has_begun_anew = numbers is not None and any(after < before for before, after in pairwise(numbers))
+    if has_begun_anew:
+        notes.append("the counter in the file names begins anew: frames are in the order of EXIF's times")
+    taken = taken_s(files)
+    if taken is not None and selection.source_fps is None and taken[0] < taken[-1]:
+        notes.append("times are EXIF's, when the photographs were taken; --fps states another rate")
+        return _spread(taken)
+    if numbers is None:
+        notes.append("file names without numbers: their alphabetical order is taken for that of time")
+    if numbers is None or has_begun_anew:
+        return [i / selection.folder_fps for i in range(len(files))]
+    return [(n - numbers[0]) / selection.folder_fps for n in numbers]
+
+
+def taken_s(files: list[Path]) -> list[float] | None:
+    """When photographs were taken, seconds by their own clock; None where EXIF does not say so of all."""
+    times = []
+    for file in files:
+        try:
+            with Image.open(file) as image:
+                exif = image.getexif().get_ifd(EXIF_OF_PHOTOGRAPH)
+            moment = datetime.strptime(str(exif[DATE_TIME_ORIGINAL]).strip("\0 "), "%Y:%m:%d %H:%M:%S")
+            share = str(exif.get(SUBSECOND_ORIGINAL, "")).strip("\0 ")
+        except (OSError, SyntaxError, ValueError, KeyError, Image.DecompressionBombError):
+            return None
+        times.append(
+            (moment - datetime(1970, 1, 1)).total_seconds() + (float(f"0.{share}") if share.isdecimal() else 0)
+        )
+    return times
+
+
+def _spread(taken: list[float]) -> list[float]:
+    """Seconds from 0, rising: photographs of one second are spread evenly until the next, at most over that second."""
+    ordered = sorted(taken)
+    seconds: list[float] = []
+    for moment, group in groupby(ordered):
+        count = len(list(group))
+        later = ordered[len(seconds) + count] if len(seconds) + count < len(ordered) else moment + 1
+        seconds += [moment - ordered[0] + i * min(later - moment, 1.0) / count for i in range(count)]
+    return seconds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -12,17 +13,17 @@ import pycolmap
 
 from aa4d.capture.annotations import read_annotations
 from aa4d.capture.clip import Clip
-from aa4d.capture.intrinsics import check_intrinsics, check_size
-from aa4d.capture.schema import frame_of_index, is_rigid
+from aa4d.capture.intrinsics import check_intrinsics
+from aa4d.capture.schema import frame_of_index
 from aa4d.capture.settings import Selection
 from aa4d.capture.sources import Source, folder
+from aa4d.capture.sources.transforms import index_of, read_transforms
 from aa4d.errors import InputError
 from aa4d.files import read_json_object
 
-MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
+MODEL_FOLDERS = ("sparse/*", "sparse", "colmap/sparse/*", ".")
 IMAGE_FOLDERS = ("images", "frames", "input", ".")
 MODEL_FILES = ("cameras", "images", "points3D")
-OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
 
 
 def recognises(path: Path) -> bool:
-    return path.is_dir() and (_model_folder(path) is not None or (path / "transforms.json").is_file())
+    return path.is_dir() and bool(index_of(path) or _model_folders(path))
 
 
 def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:
@@ -87,20 +88,25 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
 
     Of a folder with both kinds of cameras transforms.json is read: its world is upright, a COLMAP model's is arbitrary.
     """
-    model_folder, transforms = _model_folder(path), path / "transforms.json"
+    model_folders, transforms = _model_folders(path), index_of(path)
     times_s: dict[str, float] = {}
     notes: list[str] = []
-    if transforms.is_file():
+    if transforms is not None:
         index, root = transforms, path
         times_s, is_metric = _own_capture(path)
-        posed = PosedPictures(index, read_transforms(index), "transforms.json, whose world is kept", is_metric)
-        notes += selection.ignored_fps("capture.json") if times_s else []
-        if model_folder is not None:
-            notes.append(f"cameras are those of transforms.json; {model_folder.relative_to(path)} is not read")
+        read = read_transforms(index)
+        posed = PosedPictures(index, read.model, f"{index.name}, whose world is kept", is_metric)
+        if times_s:
+            notes += selection.ignored_fps("capture.json")
+        else:
+            times_s, about_times = _seconds(read.times, selection, index)
+            notes += [*read.notes, *about_times]
+        if model_folders:
+            notes.append(f"cameras are those of {index.name}; {model_folders[0].relative_to(path)} is not read")
     else:
-        assert model_folder is not None
-        index, root = model_folder, _image_folder(path)
-        posed = PosedPictures(index, _read_colmap(index), None)
+        root = _image_folder(path)
+        index, model = _largest(model_folders, notes)
+        posed = PosedPictures(index, model, None)
     names = [posed.model.image(i).name for i in posed.model.reg_image_ids()]
     files = {name: root / _inside(name, index) for name in names}
     twice = [name for name, count in Counter(_inside(n, index) for n in names).items() if count > 1]
@@ -113,16 +119,43 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
         notes.append(f"{len(missing)} of {len(names)} pictures left out: missing in {root}")
     present = {file: name for name, file in files.items() if name not in missing}
     ordered, numbers = folder.in_order(list(present))
+    in_names = folder.times_of(ordered, numbers, selection, notes if not times_s else [])
+    if times_s:
+        order = sorted(range(len(ordered)), key=lambda i: times_s.get(present[ordered[i]], in_names[i]))
+        ordered, in_names = [ordered[i] for i in order], [in_names[i] for i in order]
+        numbers = None if numbers is None else [numbers[i] for i in order]
     pictures = []
     for rank, file in enumerate(ordered):
         number = None if numbers is None else numbers[rank]
-        at = rank if numbers is None else numbers[rank] - numbers[0]
-        picture = folder.picture_of(file, times_s.get(present[file], at / selection.folder_fps), number)
+        picture = folder.picture_of(file, times_s.get(present[file], in_names[rank]), number)
         pictures.append(replace(picture, label=present[file]))
-    read = None if annotations is None else read_annotations(annotations, numbers)
+    boxes = None if annotations is None else read_annotations(annotations, numbers)
     beside = [*index.iterdir()] if index.is_dir() else [index, path / "capture.json"]
     sources = (*ordered, *(p for p in beside if p.is_file()))
-    return Source("reconstruction", pictures, lambda: [p.time_s for p in pictures], sources, notes, read, posed)
+    return Source("reconstruction", pictures, lambda: [p.time_s for p in pictures], sources, notes, boxes, posed)
+
+
+def _seconds(times: dict[str, float], selection: Selection, index: Path) -> tuple[dict[str, float], list[str]]:
+    """Seconds of pictures of which only order and spacing are known, as a share of the clip; and what to say of it.
+
+    Raises:
+        InputError: some pictures are of one time, as those of several cameras.
+    """
+    ordered = sorted(times, key=times.__getitem__)
+    if len(set(times.values())) <= 1:
+        return {}, ['"time" is the same for all frames: their names say when they were taken'] if len(times) > 1 else []
+    for one, other in pairwise(ordered):
+        if times[one] == times[other]:
+            raise InputError(
+                f'{index}: "time" of {one} and {other} is the same, {times[one]:g}; give the frames of one camera'
+            )
+    first, last = times[ordered[0]], times[ordered[-1]]
+    seconds = (len(times) - 1) / selection.folder_fps
+    note = (
+        f'order and spacing of frames are those of "time" in {index.name}, which has no unit; '
+        f"{selection.folder_fps:g} frames a second are taken for the mean (--fps)"
+    )
+    return {name: (time - first) / (last - first) * seconds for name, time in times.items()}, [note]
 
 
 def _own_capture(path: Path) -> tuple[dict[str, float], bool]:
@@ -139,12 +172,39 @@ def _own_capture(path: Path) -> tuple[dict[str, float], bool]:
     return {frame.image: frame.time_s for frame in frames}, is_metric
 
 
-def _model_folder(path: Path) -> Path | None:
-    for name in MODEL_FOLDERS:
-        # Two of the three: one that lacks a file is told so.
-        if len(_missing(path / name)) <= 1:
-            return path / name
-    return None
+def _model_folders(path: Path) -> list[Path]:
+    """The folders of COLMAP models of one reconstruction, which may have come apart into several."""
+    for pattern in MODEL_FOLDERS:
+        found = [path / pattern]
+        if pattern.endswith("*"):
+            numbered = [p for p in path.glob(pattern) if p.is_dir() and p.name.isdecimal()]
+            found = sorted(numbered, key=lambda p: int(p.name))
+        # Two of the three files: one that lacks a file is told so.
+        if models := [folder for folder in found if len(_missing(folder)) <= 1]:
+            return models
+    return []
+
+
+def _largest(model_folders: list[Path], notes: list[str]) -> tuple[Path, Any]:
+    """The model with the most frames; the others are named in the notes. Raises InputError where none can be read."""
+    models: dict[Path, Any] = {}
+    failures: list[InputError] = []
+    for model_folder in model_folders:
+        try:
+            models[model_folder] = _read_colmap(model_folder)
+        except InputError as error:
+            failures.append(error)
+    if not models:
+        raise failures[0]
+    largest = max(models, key=lambda folder: models[folder].num_reg_images())
+    others = [f"{folder.name} ({model.num_reg_images()})" for folder, model in models.items() if folder != largest]
+    if others:
+        frames = models[largest].num_reg_images()
+        notes.append(
+            f"of {len(models)} models the largest is used: {largest} ({frames} frames); not {', '.join(others)}"
+        )
+    notes += [f"not used: {error}" for error in failures]
+    return largest, models[largest]
 
 
 def _missing(model_folder: Path) -> list[str]:
@@ -187,58 +247,3 @@ def _inside(name: str, index: Path) -> PurePosixPath:
     if relative.is_absolute() or ".." in relative.parts:
         raise InputError(f"{index}: names the picture {name!r}, which lies outside of the folder")
     return relative
-
-
-def read_transforms(path: Path) -> Any:
-    """A COLMAP reconstruction from nerfstudio's transforms.json (OpenGL axes, camera to world).
-
-    Raises:
-        InputError: a camera model or a value that is not understood; names the key.
-    """
-    document = read_json_object(path, "nerfstudio's cameras")
-    frames = document.get("frames")
-    if not isinstance(frames, list) or not frames:
-        raise InputError(f'{path}: key "frames" is missing or empty')
-    model = pycolmap.Reconstruction()
-    cameras: dict[tuple[Any, ...], int] = {}
-    for number, frame in enumerate(frames, 1):
-        try:
-            values = {**document, **frame}
-            key = _camera_values(values, path)
-            matrix = np.array(frame["transform_matrix"], np.float64).reshape(4, 4)
-            name = str(frame["file_path"])
-        except KeyError as error:
-            raise InputError(f"{path}: key {error} is missing, for frame {number - 1}; export it again") from None
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{path}: frame {number - 1} cannot be understood ({error}); export it again") from None
-        if not is_rigid(matrix, 1e-3):
-            raise InputError(f"{path}: transform_matrix of {name} is not a rotation and a translation")
-        if key not in cameras:
-            kind, width, height, *parameters = key
-            check_size(width, height, f"{path}: frame {number - 1}")
-            camera = pycolmap.Camera(model=kind, width=width, height=height, params=parameters)
-            check_intrinsics(camera, f"{path}: frame {number - 1}")
-            camera.camera_id = cameras[key] = len(cameras) + 1
-            model.add_camera_with_trivial_rig(camera)
-        viewmat = np.linalg.inv(matrix @ OPENGL_TO_OPENCV)
-        image = pycolmap.Image(name=name.removeprefix("./"), camera_id=cameras[key], image_id=number)
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(viewmat[:3]))
-    return model
-
-
-def _camera_values(values: dict[str, Any], path: Path) -> tuple[Any, ...]:
-    """COLMAP's name of the model, width, height and parameters."""
-    kind = values.get("camera_model", "OPENCV")
-    width, height = int(values["w"]), int(values["h"])
-    if "camera_angle_x" in values and "fl_x" not in values:
-        fx = 0.5 * width / float(np.tan(0.5 * float(values["camera_angle_x"])))
-    else:
-        fx = float(values["fl_x"])
-    fy = float(values.get("fl_y", fx))
-    center = float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
-    distortion = [float(values.get(name, 0.0)) for name in ("k1", "k2", "p1", "p2")]
-    if kind not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE"):
-        raise InputError(f'{path}: camera_model {kind!r} is not supported; expected "OPENCV" or "PINHOLE"')
-    if not any(distortion) or kind != "OPENCV":
-        return ("PINHOLE", width, height, fx, fy, *center)
-    return ("OPENCV", width, height, fx, fy, *center, *distortion)

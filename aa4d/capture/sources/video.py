@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +21,7 @@ from aa4d.errors import InputError
 
 EXTENSIONS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
 
+MOST_STRETCHED = 4  # times: beyond, what a file says of its pixels' shape is not believed
 EARLY_STEPS = 3  # frames by which the last may lie before the end that the container states
 
 
@@ -55,6 +58,7 @@ class Index:
     times_s: list[float]  # from the first
     step_s: float  # median
     end_s: float  # by the container's word, where it has one
+    pixel_aspect: Fraction  # width of a stored pixel over its height
 
 
 def _index(path: Path, notes: list[str]) -> Index:
@@ -68,9 +72,9 @@ def _index(path: Path, notes: list[str]) -> Index:
     if path.stat().st_size == 0:
         raise InputError(f"{path}: is empty (0 bytes); copy it again")
     times: list[float] = []
-    duration = 0.0
+    duration, pixel_aspect = 0.0, Fraction(1)
     try:
-        with av.open(str(path)) as container:
+        with av.open(_address(path)) as container:
             if not container.streams.video:
                 raise InputError(f"{path}: holds no video stream; give the video itself")
             stream = container.streams.video[0]
@@ -78,6 +82,9 @@ def _index(path: Path, notes: list[str]) -> Index:
                 duration = float(stream.duration * stream.time_base)
             elif container.duration is not None:
                 duration = container.duration / av.time_base
+            stated = stream.sample_aspect_ratio
+            if stated and 1 / MOST_STRETCHED <= stated <= MOST_STRETCHED:
+                pixel_aspect = Fraction(stated)
             for packet in container.demux(stream):
                 ticks = packet.dts if packet.pts is None else packet.pts
                 if ticks is not None and not packet.is_discard:
@@ -94,7 +101,14 @@ def _index(path: Path, notes: list[str]) -> Index:
     steps = np.diff(shown) if len(shown) > 1 else np.array([duration])
     if steps.max() > 1.5 * np.median(steps):
         notes.append("variable frame rate: every frame keeps its own presentation time")
-    return Index(min(times), shown.tolist(), float(np.median(steps)), max(duration, float(shown[-1])))
+    if pixel_aspect != 1:
+        notes.append(f"pixels are not square ({pixel_aspect}): pictures are stretched, as players show them")
+    return Index(min(times), shown.tolist(), float(np.median(steps)), max(duration, float(shown[-1])), pixel_aspect)
+
+
+def _address(path: Path) -> str:
+    """With its folder: FFmpeg takes what stands before a colon for a protocol."""
+    return str(path.absolute())
 
 
 def _frames(
@@ -105,13 +119,13 @@ def _frames(
 
     first, end, last = index().first_s, index().end_s, 0.0
     try:
-        with av.open(str(path)) as container:
+        with av.open(_address(path)) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
             for frame in _decoded_from(start_s + first, container, stream):
                 last = float(frame.pts * (frame.time_base or 0)) - first
                 position = None if track is None else track.at(last)
-                yield Picture(f"{last:.3f} s", last, None, _loader(frame), position=position)
+                yield Picture(f"{last:.3f} s", last, None, _loader(frame, index().pixel_aspect), position=position)
     except av.FFmpegError:
         pass  # what follows says so
     if last + EARLY_STEPS * index().step_s < end:
@@ -135,10 +149,19 @@ def _decoded_from(start_s: float, container: Any, stream: Any) -> Iterator[Any]:
     yield from frames
 
 
-def _loader(frame: Any) -> Callable[[], NDArray[np.uint8]]:
+def _loader(frame: Any, pixel_aspect: Fraction) -> Callable[[], NDArray[np.uint8]]:
     def load() -> NDArray[np.uint8]:
-        pixels: NDArray[np.uint8] = frame.to_ndarray(format="rgb24")
+        pixels = squared(frame.to_ndarray(format="rgb24"), pixel_aspect)
         # The display matrix: degrees counter-clockwise, in steps of 90 from every camera there is.
         return np.ascontiguousarray(np.rot90(pixels, k=round(frame.rotation / 90)))
 
     return load
+
+
+def squared(pixels: NDArray[np.uint8], pixel_aspect: Fraction) -> NDArray[np.uint8]:
+    """[H, W, 3] with square pixels: the side that is too short is stretched, so that nothing is lost."""
+    if pixel_aspect == 1:
+        return pixels
+    height, width = pixels.shape[:2]
+    size = (round(width * pixel_aspect), height) if pixel_aspect > 1 else (width, round(height / pixel_aspect))
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_CUBIC), np.uint8)

@@ -6,19 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from aa4d.anchors.canonical import Anchors, spacing, voxel_centres
+from aa4d.anchors.canonical import Anchors
 from aa4d.anchors.densification import Statistics
 from aa4d.field.planes import regularisation
-from aa4d.kernels.image_loss import image_loss
 from aa4d.methods.adaanchor4d import files
 from aa4d.methods.adaanchor4d.growth import grow_and_prune
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D, blank_model, embeddings_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.adaanchor4d.warping import density_adaptive_boundaries
+from aa4d.methods.anchor_model import initial_places, loss_with_volume
 from aa4d.methods.contract import Beginning, Method, Stage, UnitEdit
 from aa4d.methods.rendering import Rendered
 from aa4d.methods.scene_model import SceneModel
@@ -43,12 +42,9 @@ class AdaAnchor4DMethod(Method[AdaAnchor4DSettings]):
     def initial(self, settings: AdaAnchor4DSettings, beginning: Beginning) -> AdaAnchor4D:
         # The anchors' draws depend on the variant; the networks' start anew.
         torch.manual_seed(settings.seed)
-        c, voxel = settings.model, settings.voxel_px * beginning.pixel
-        centers = voxel_centres(beginning.points, voxel)
-        scale = spacing(centers, floor=1e-3 * voxel)
+        c = settings.model
         anchors = Anchors(
-            torch.from_numpy(centers).float(),
-            torch.from_numpy(np.log(scale)).float()[:, None].repeat(1, 6),
+            *initial_places(beginning, settings.voxel_px * beginning.pixel),
             c.offsets,
             c.feature_dim,
             c.embedding_dim,
@@ -75,12 +71,7 @@ class AdaAnchor4DMethod(Method[AdaAnchor4DSettings]):
             )
 
     def image_loss(self, rendered: Rendered, target: Tensor, settings: AdaAnchor4DSettings) -> tuple[Tensor, Tensor]:
-        weights, rendering = settings.loss, rendered.rendering
-        loss, squared_error = image_loss(rendering.color, target, weights.dssim)
-        drawn = (rendering.radii > 0).float()
-        x, y, z = rendered.gaussians.scales.unbind(1)  # the gradient of prod() takes ten times as long
-        volume = (x * y * z * drawn).sum() / drawn.sum().clamp_min(1)
-        return loss + weights.volume * volume, squared_error
+        return loss_with_volume(rendered, target, settings.loss.dssim, settings.loss.volume)
 
     def penalty(self, stage: Stage, model: SceneModel, settings: AdaAnchor4DSettings) -> Tensor | None:
         assert isinstance(model, AdaAnchor4D)

@@ -105,5 +105,10 @@ class FourDGSMethod(Method[FourDGSSettings]):
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise InputError(f"{path}: the header's config is wrong ({error!r}); train the model again") from None
 
+    def check(self, model: SceneModel, path: Path) -> None:
+        assert isinstance(model, FourDGS)
+        if not 0 <= int(model.degree) <= LARGEST_DEGREE:
+            raise InputError(f"{path}: degree is {int(model.degree)}, expected 0 to {LARGEST_DEGREE}; train it again")
+
 
 METHOD = FourDGSMethod()
