@@ -29,8 +29,9 @@ def train(
         str | None,
         name_in("aa4d.methods", "preset_names", "--preset", "quick"),
         arg(
-            help="quick: minutes on two cores. standard: a third of the paper's. paper: its 3,000 + 30,000 iterations. "
-            "split-cookie: the other published configuration of modec."
+            help="quick: minutes on two cores. standard: a third of the paper's. paper: its 3,000 + 30,000 iterations, "
+            "or those of the method's own paper. main: d3dgs by the main branch of its code. split-cookie: the other "
+            "published configuration of modec."
         ),
     ] = None,
     config: Config = None,

@@ -105,7 +105,8 @@ void backward(SavedFrame& saved, const raster::Scene& scene, int threads, const 
               const std::optional<Maps>& features, const Vectors3& d_means, const Vectors4& d_quaternions,
               const Vectors3& d_scales, const Values& d_opacities, const Vectors3& d_colors,
               const Array<float, 3>& d_background, const Values& screen, const std::optional<Values>& screen_absolute,
-              const std::optional<Values>& sensitivity, const std::optional<Rows>& d_features, const std::optional<Array<float, 4, 4>>& d_viewmat) {
+              const std::optional<Values>& sensitivity, const std::optional<Rows>& d_features,
+              const std::optional<Array<float, 4, 4>>& d_viewmat) {
   require(scene.count == saved.frame->count, "these are not the Gaussians that were drawn");
   const raster::ImageGradient image = {pointer(color), pointer(alpha), pointer(depth), pointer(depth_value),
                                        pointer(features)};

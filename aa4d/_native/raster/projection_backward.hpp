@@ -25,9 +25,8 @@ struct SplatSums {
         for (int k = 0; k < kFields; ++k) sums[i][k] += fields[k];
       }
     }
-    Doubles* const fields[] = {color, color + 1, color + 2, &v,     &vu,          &vw,
-                               &vuu,  &vuw,      &vww,      &depth, &absolute_vu, &absolute_vy,
-                               &squared};
+    Doubles* const fields[] = {color, color + 1, color + 2, &v,           &vu,          &vw,     &vuu,
+                               &vuw,  &vww,      &depth,    &absolute_vu, &absolute_vy, &squared};
     for (std::size_t k = 0; k < sizeof fields / sizeof *fields; ++k) {
       for (int i = 0; i < kLanes; ++i) (*fields[k])[i] = sums[i][k];
     }

@@ -270,9 +270,8 @@ void render_backward(const Scene& scene, const Settings& settings, Frame& frame,
   frame.gradients.resize_discarding(frame.entries.size());
   frame.feature_gradients.resize_discarding(image.features ? frame.entries.size() * scene.feature_count : 0);
   frame.partial_sums.resize_discarding(std::max(tiles * 3, chunks * kPoseSums));
-  parallel_for(settings.threads, tiles, [&](std::size_t tile) {
-    tile_backward(scene, settings, frame, tile, image, gradient);
-  });
+  parallel_for(settings.threads, tiles,
+               [&](std::size_t tile) { tile_backward(scene, settings, frame, tile, image, gradient); });
   add_up(frame.partial_sums.data(), tiles, 3, gradient.background);
   parallel_for(settings.threads, chunks, [&](std::size_t chunk) {
     double* const pose = gradient.viewmat ? frame.partial_sums.data() + chunk * kPoseSums : nullptr;

@@ -15,6 +15,7 @@ from aa4d.methods.d3dgs.network import ROWS, DeformationNetwork, encoded
 from aa4d.methods.d3dgs.settings import PRESETS, D3DGSSettings, ModelConfig
 from aa4d.methods.gaussians.model import blank_rows
 from aa4d.training.optimiser import edit_units, make_optimiser
+from tests.methods.formulas import linear, relu
 
 CONFIG = ModelConfig(width=7, depth=4, skip=1, place_frequencies=3, time_frequencies=2)
 
@@ -26,15 +27,6 @@ def random_model(config: ModelConfig = CONFIG, n: int = 5) -> D3DGS:
         for parameter in model.parameters():
             parameter.normal_(0, 0.5)
     return model
-
-
-def linear(layer: nn.Module, x: list[float]) -> list[float]:
-    assert isinstance(layer, nn.Linear)
-    assert len(x) == layer.in_features
-    return [
-        float(layer.bias[o]) + sum(float(layer.weight[o, i]) * v for i, v in enumerate(x))
-        for o in range(len(layer.bias))
-    ]
 
 
 def sines(x: list[float], frequencies: int) -> list[float]:
@@ -50,7 +42,8 @@ def changes(network: DeformationNetwork, position: list[float], t: float) -> tup
     given = sines(position, c.place_frequencies) + sines([t], c.time_frequencies)
     h = given
     for i, layer in enumerate(network.layers):
-        h = [max(v, 0.0) for v in linear(layer, h)]
+        assert isinstance(layer, nn.Linear)
+        h = relu(linear(layer, h))
         if i == c.skip:
             h = given + h
     return tuple(linear(head, h) for head in (network.head_position, network.head_quaternion, network.head_scale))
