@@ -101,6 +101,8 @@ class ModecMethod(Method[ModecSettings]):
             gad, intervals, lgd, gates = (config[name] for name in ("gad", "intervals", "lgd", "gates"))
             if type(gad) is not bool or type(gates) is not bool or lgd not in ("gaussians", "anchors", "none"):
                 raise ValueError("a switch is wrong")
+            if not gad and lgd == "none":
+                raise ValueError("nothing moves")
             if type(intervals) is not int or not 1 <= intervals <= MAX_INTERVALS:
                 raise ValueError(f"intervals is {intervals}")
             offset = tensor_of(tensors, "anchors.offset", path)
