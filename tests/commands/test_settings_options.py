@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from aa4d.cli import main
-from aa4d.methods import presets_of
+from aa4d.methods import METHODS, presets_of
 from aa4d.methods.adaanchor4d.settings import PRESETS
 from aa4d.methods.settings import MotionSettings
 from aa4d.settings.given import Given
@@ -114,7 +114,7 @@ def test_riding_is_the_default_and_is_turned_off_by_file_assignment_or_option(
         (["--config", "brief.toml", "--preset", "paper"], "--preset paper: brief.toml: preset says quick; leave one"),
         (["--method", "fourdgs", "--motion", "tracks"], "--motion: motion must be none, for fourdgs has no anchors"),
         (["--method", "fourdgs", "--no-dlgd"], "--no-dlgd: unknown key; allowed here: plane_dim"),
-        (["--method", "fourdg"], "--method fourdg: must be one of adaanchor4d, fourdgs; did you mean fourdgs?"),
+        (["--method", "fourdg"], f"--method fourdg: must be one of {', '.join(METHODS)}; did you mean fourdgs?"),
         (["--seed", "-1"], "--seed: -1 is out of range; it must be a whole number from 0 to 9223372036854775807"),
         (["--set", "seed=1", "--set", "seed=2"], "--set seed: seed is given already, as the number 1"),
     ],
