@@ -29,7 +29,7 @@ class Stage:
     canonical: bool = False  # nothing moves: drawn at no time
     views_per_step: int = 1
     changes_units: bool = True  # units come and go
-    times: tuple[tuple[float, float], ...] = ()  # spans of t whose frames it looks at; of all, where none is given
+    spans: tuple[tuple[float, float], ...] = ()  # of t, whose frames it looks at; where none is given, at all
     decay: tuple[float, float] = (0.0, 1.0)  # how far the learning rates' decay is at its first and last iteration
 
     def progress(self, iteration: int) -> float:
@@ -38,7 +38,7 @@ class Stage:
         return begin + (end - begin) * iteration / max(self.iterations - 1, 1)
 
     def looks_at(self, t: float) -> bool:
-        return not self.times or any(start <= t <= end for start, end in self.times)
+        return not self.spans or any(start <= t <= end for start, end in self.spans)
 
 
 @dataclass(frozen=True)

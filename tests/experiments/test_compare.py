@@ -18,6 +18,7 @@ from aa4d.evaluation.evaluate import evaluate
 from aa4d.evaluation.speed import measure_speed
 from aa4d.experiments.runner import Outcome
 from aa4d.experiments.trial import Trial, numbers
+from aa4d.files import claimed, write_json
 from aa4d.methods.model_file import load_model
 
 
@@ -157,29 +158,29 @@ def test_speed_has_a_second_figure_where_a_method_has_a_cache(toy_run: Path, mon
     assert opened == [loaded.model, None]
 
 
-@pytest.mark.slow
-def test_killed_in_the_middle_the_same_command_continues_and_a_second_one_is_refused(
-    toy_capture: Path, tmp_path: Path
+def test_two_commands_do_not_work_in_one_folder(
+    toy_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    write_json(tmp_path / "experiment.json", {"experiment": "compare"})
+    with claimed(tmp_path, "running an experiment"):
+        assert aa4d(monkeypatch, "compare", toy_run.parent / "capture", "--out", tmp_path) == 2
+    assert "another process is running an experiment there; wait for it" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_killed_in_the_middle_the_same_command_continues(toy_capture: Path, tmp_path: Path) -> None:
     out, environment = tmp_path / "out", os.environ | {"OMP_NUM_THREADS": "1"}
-    options = ["--methods", "fourdgs,adaanchor4d", "--seeds", "1", "--jobs", "2", "--iterations", "20", "600"]
+    options = ["--methods", "fourdgs,adaanchor4d", "--seeds", "1", "--jobs", "2", "--iterations", "20", "200"]
     command = [sys.executable, "-m", "aa4d.cli", "compare", str(toy_capture), "--out", str(out), *options]
-
-    def again() -> subprocess.CompletedProcess[str]:
-        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
-
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         deadline = time.monotonic() + 600
         while not (out / "capture/adaanchor4d/seed0/coarse.safetensors").exists():
             assert time.monotonic() < deadline
             time.sleep(0.05)
-        second = again()
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()
-    assert second.returncode == 2
-    assert "another process is running an experiment there" in second.stderr
-    result = again()
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stderr
     assert len(json.loads((out / "compare.json").read_text())["rows"]) == 2

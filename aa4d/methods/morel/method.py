@@ -46,13 +46,13 @@ class MoRelMethod(Method[MoRelSettings]):
     def stages(self, settings: MoRelSettings) -> tuple[Stage, ...]:
         s, fine = settings, settings.fine_iterations
         of_keys, blending = round(s.key_share * fine), round(s.blend_share * fine)
-        times: tuple[tuple[float, float], ...] = ()
+        spans: tuple[tuple[float, float], ...] = ()
         if (keys := s.model.keys) is not None:
             reach = s.key_tolerance / (keys - 1)
-            times = tuple((key_time(n, keys) - reach, key_time(n, keys) + reach) for n in range(keys))
+            spans = tuple((key_time(n, keys) - reach, key_time(n, keys) + reach) for n in range(keys))
         stages = (
             Stage("coarse", s.coarse_iterations, draws=0, canonical=True),
-            Stage("keys", of_keys, draws=1, times=times),
+            Stage("keys", of_keys, draws=1, spans=spans),
             Stage("windows", fine - of_keys - blending, draws=2),
             Stage("blending", blending, draws=3, changes_units=False),
         )

@@ -20,7 +20,8 @@ from aa4d.methods.morel.settings import PRESETS, ModelConfig, MoRelSettings
 from aa4d.methods.morel.windows import SOFTPLUS_OF_ONE, key_time, learned_weight, local_time, nearest, neighbours
 from aa4d.methods.settings import with_iterations
 from aa4d.raster.types import Camera
-from aa4d.training.trainer import train
+from aa4d.training.frames import training_frames
+from aa4d.training.trainer import Run, train
 from tests.methods.formulas import linear, relu, texel
 from tests.toy_capture import write_toy_capture
 
@@ -101,7 +102,7 @@ def test_the_deformation_agrees_with_the_formulas_number_by_number(t: float) -> 
 
 @pytest.mark.parametrize("t", [0.0, 0.2, 0.5, 0.9, 1.0])
 def test_weights_agree_with_the_formula_and_multiply_the_opacities(t: float) -> None:
-    model = random_model()
+    model = random_model().requires_grad_(False)
     lower = min(int(2 * t), 1)
     expected = []
     for i in range(len(model)):
@@ -255,3 +256,13 @@ def test_it_shows_what_moves_better_than_its_static_stage(tmp_path: Path) -> Non
     assert metrics.psnr_dynamic is not None
     assert metrics.psnr_dynamic_static is not None
     assert metrics.psnr_dynamic > metrics.psnr_dynamic_static + 3
+
+
+def test_a_stage_learns_from_the_frames_of_its_spans_alone(tmp_path: Path) -> None:
+    capture = read_capture(write_toy_capture(tmp_path / "capture"))
+    run = Run(training_frames(capture, torch.device("cpu")), tmp_path, METHOD.resolved(PRESETS["quick"], 10))
+    near, none = (Stage("keys", 9, draws=1, spans=(span,)) for span in ((0.3, 0.5), (0.89, 0.9)))
+    times = [run.frames.views[i].t for step in range(9) for i in run._view_indices(near, step)]
+    assert sorted(set(times)) == pytest.approx([3 / 9, 4 / 9])
+    every = {i for step in range(8) for i in run._view_indices(none, step)}
+    assert every == set(range(8)), "a span without a frame is no reason to stop"
