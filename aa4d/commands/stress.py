@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def stress(
-    part: Annotated[str | None, arg(help="Only this part; without it all of them.")] = None,
+    part: Annotated[str | None, arg(metavar="NAME", help="Only this part; without it all of them.")] = None,
     write: Annotated[Path | None, arg(metavar="PATH", help="Page to write the table to.")] = None,
     seed: Annotated[int, arg(help="Seed of the search.")] = 0,
     budget: Annotated[
