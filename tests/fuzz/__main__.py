@@ -23,7 +23,7 @@ BATCH = 250  # files, after which the clock is looked at
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=10_000, help="damaged files for each reader")
     parser.add_argument("--budget", type=float, default=1800, help="seconds for all of them together")
     parser.add_argument("--reader", choices=[r.name for r in READERS], help="this one alone")

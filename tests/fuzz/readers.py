@@ -6,7 +6,6 @@ import atexit
 import json
 import random
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,12 +31,12 @@ from aa4d.training.checkpoints import load_checkpoint
 from aa4d.training.history import COLUMNS, History
 from synth.errors import InputError as SceneError
 from synth.spec import read_scene
+from tests.addon.model_files import make_model
+from tests.addon.model_files import write_model as write_model_file
 from tests.fuzz import mutate
 from tests.toy_capture import write_toy_capture
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "tests" / "addon"))
-
 Folder = Path
 
 
@@ -77,16 +76,11 @@ def _toy() -> Path:
 
 @cache
 def model() -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    from model_files import make_model
-
-    made: tuple[dict[str, np.ndarray], dict[str, Any]] = make_model(20, groups=2)
-    return made
+    return make_model(20, groups=2)
 
 
 def write_model(folder: Folder) -> None:
-    from model_files import write_model as write
-
-    write(folder / "model.safetensors", *model())
+    write_model_file(folder / "model.safetensors", *model())
 
 
 @cache
