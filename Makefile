@@ -6,7 +6,10 @@ JOBS ?= 2
 BIN := $(VENV)/bin
 NATIVE := $(shell find aa4d/_native -type f 2>/dev/null)
 
-.PHONY: help demo test test-slow lint extension bench-addon clean
+# Of the cases in tests/hard_cases, those that run native code.
+NATIVE_CASES := raster or plane_lookup or acfa or dlgd or anchors or losses
+
+.PHONY: help demo test test-slow lint extension bench-addon stress sanitize sanitize-threads fuzz clean
 
 help:
 	@echo "make demo       the main job on scenes/crossroads.toml; the result is in demo/"
@@ -14,6 +17,10 @@ help:
 	@echo "make test-slow  the slow tests"
 	@echo "make extension  the Blender extension, as a zip in dist/"
 	@echo "make bench-addon  what the extension costs, into dist/bench-addon.json (minutes); MODEL=... adds accuracy"
+	@echo "make stress     the table of hard cases, into docs/hard-cases.md"
+	@echo "make sanitize   kernels and rasteriser under AddressSanitizer and UndefinedBehaviorSanitizer (gcc; minutes)"
+	@echo "make sanitize-threads  the thread pool under ThreadSanitizer (gcc)"
+	@echo "make fuzz       damaged files for every reader; COUNT=10000 of each, at most BUDGET=1800 seconds in all"
 	@echo "make clean      remove .venv, demo/ and everything built"
 
 # The stamp is newer than what the installation depends on: a second run installs nothing.
@@ -48,6 +55,34 @@ extension: $(VENV)/installed
 bench-addon: extension
 	$(BIN)/python addon/bench_addon.py --extension dist/adaanchor4d.zip --json dist/bench-addon.json \
 		$(if $(MODEL),--model $(MODEL))
+
+stress: $(VENV)/installed
+	$(BIN)/aa4d stress --write docs/hard-cases.md
+
+# A build of its own, which takes the installed module's place in every Python process of the tests
+# (tests/sanitizers/sitecustomize.py). Python and torch keep memory until the end, so leaks are not looked for.
+sanitize: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "cmake>=3.18" "nanobind>=2.9"
+	$(BIN)/cmake -S aa4d/_native -B build/sanitize -DPython_EXECUTABLE=$(abspath $(BIN)/python) \
+		-DAA4D_SANITIZE=address,undefined,float-cast-overflow
+	$(BIN)/cmake --build build/sanitize --parallel $(JOBS)
+	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so.6)" \
+		ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc OMP_NUM_THREADS=1 \
+		PYTHONPATH=tests/sanitizers AA4D_NATIVE=$$(echo $(abspath build/sanitize)/_native*.so) \
+		$(BIN)/python -m pytest -m "not slow" -k "kernels or raster or $(NATIVE_CASES)" \
+		tests/kernels tests/raster tests/hard_cases
+
+# ThreadSanitizer of some gcc versions does not start where addresses are randomized widely: setarch turns that off.
+sanitize-threads:
+	@mkdir -p build/sanitize-threads
+	g++ -std=c++20 -O1 -g -fsanitize=thread -pthread -I aa4d/_native tests/sanitizers/thread_pool.cpp \
+		aa4d/_native/common/thread_pool.cpp -o build/sanitize-threads/thread_pool
+	setarch -R build/sanitize-threads/thread_pool
+
+COUNT ?= 10000
+BUDGET ?= 1800
+fuzz: $(VENV)/installed
+	$(BIN)/python -W ignore -m tests.fuzz --count $(COUNT) --budget $(BUDGET)
 
 clean:
 	rm -rf $(VENV) .venv-blender* build dist demo .pytest_cache .mypy_cache .ruff_cache

@@ -18,6 +18,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float32]
 
 DTYPES = {"F32": "<f4", "U32": "<u4", "I32": "<i4", "U16": "<u2", "U8": "u1"}  # safetensors' names, numpy's
+LONGEST = 1000  # characters of a sentence: a value of a file that it quotes may be of any length
 HEADER_LIMIT = 100_000_000  # bytes; the limit of the safetensors format itself
 
 
@@ -25,8 +26,10 @@ class ModelFileError(Exception):
     """A model file cannot be used. The message is one sentence for the person who chose the file."""
 
     def __str__(self) -> str:
-        """The sentence; a file's name may hold bytes that are no text, which Blender cannot show."""
-        return super().__str__().encode(errors="replace").decode()
+        """The sentence; a file's name may hold bytes that are no text, which Blender cannot show. Of an endless one the
+        beginning and the end."""
+        said = " ".join(super().__str__().encode(errors="replace").decode().splitlines())
+        return said if len(said) <= LONGEST else f"{said[: LONGEST // 2]} ... {said[-LONGEST // 2 :]}"
 
 
 @dataclass(frozen=True)

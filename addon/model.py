@@ -34,7 +34,7 @@ WEIGHTED: dict[str, tuple[str | None, bool]] = {
 }
 AGGREGATIONS = (*WEIGHTED, "mean", "product")
 # docs/formats.md, "What readers refuse": the limits that aa4d holds as well.
-SMALLEST_UNIT_M, LARGEST_UNIT_M = 1e-6, 1e5  # of the scale in `model_to_world`
+SMALLEST_UNIT_M, LARGEST_UNIT_M = 1e-6, 1e6  # of the scale in `model_to_world`
 WIDEST = 4096  # of a layer, and the largest size in `config`: the default layers are at most 256 wide
 UNIT_TOLERANCE = 1e-3  # of the length of `groups.up`
 UNIFORM_TOLERANCE = 1e-6  # of boundaries without DACW

@@ -135,7 +135,7 @@ def read_scene(path: Path) -> Scene:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot read the scene file: {reason}.") from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # no TOML, or numbers or nesting without end
         raise InputError(f"{path}: not valid TOML: {error}.") from None
     return parse_scene(table, str(path))
 

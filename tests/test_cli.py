@@ -74,3 +74,26 @@ def test_brackets_in_a_path_are_printed_as_they_are(toy_run: Path, tmp_path: Pat
     shutil.copytree(toy_run, run)
     result = aa4d("render", str(run), "--time", "0.5", "--frames", "1")
     assert f"renders: {run / 'renders'}" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--part", "rastre"), "--part rastre: must be one of traffic, "),
+        (("--budget", "-1"), "--budget -1.0: must be from 0"),
+        (("--write", "absent/table.md"), "--write absent/table.md: there is no folder absent"),
+    ],
+)
+def test_stress_refuses_what_it_does_not_know(arguments: tuple[str, ...], says: str) -> None:
+    result = aa4d("stress", *arguments)
+    assert result.returncode == 2
+    assert says in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_stress_runs_a_part_and_writes_its_table(tmp_path: Path) -> None:
+    result = aa4d("stress", "--part", "densification", "--write", str(tmp_path / "table.md"))
+    assert result.returncode == 0, result.stderr
+    assert "cases, 0 failed" in result.stdout
+    rows = [line for line in (tmp_path / "table.md").read_text().splitlines() if line.startswith("| ")]
+    assert len(rows) == 1 + result.stdout.count("densification: ")

@@ -107,6 +107,11 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
     if not rows:
         return Annotations(path, "empty", {}, {}, {})
     table = np.array(rows)
+    if table.shape[1] not in (10, 9, 4):
+        raise InputError(
+            f"{path}: rows have {table.shape[1]} columns; known are 10 (VisDrone), 9 (UAVDT) and 4 (one box a frame): "
+            "give a file of one of these kinds, or no --annotations"
+        )
     frame = table[:, 0]
     target, wanted = table[:, 1], np.ones(len(table), bool)
     names: dict[int, str] = {}
@@ -116,14 +121,9 @@ def read_annotations(path: Path, numbers: list[int] | None) -> Annotations:
     elif table.shape[1] == 9:
         layout, category = "UAVDT", table[:, 8]
         names = UAVDT_CATEGORIES if (category > 0).all() else {}
-    elif table.shape[1] == 4:
+    else:
         layout, frame = ONE_BOX, np.arange(1.0, len(table) + 1)
         target, category = np.ones(len(table)), np.zeros(len(table))  # one object is followed
-    else:
-        raise InputError(
-            f"{path}: rows have {table.shape[1]} columns; known are 10 (VisDrone), 9 (UAVDT) and 4 (one box a frame): "
-            "give a file of one of these kinds, or no --annotations"
-        )
     every = table[:, 2:6] if table.shape[1] > 4 else table
     sized = (every[:, 2:] > 0).all(axis=1)
     kept = wanted & sized

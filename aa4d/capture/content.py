@@ -25,13 +25,19 @@ def capture_identity(folder: Path, index: dict[str, Any]) -> Identity:
     1 GB: captures of older versions of `aa4d capture` have none.
 
     Raises:
-        InputError: checksums.json is damaged.
+        InputError: checksums.json is damaged, or the index holds a number that is not finite where nobody reads it.
     """
     files = listed(folder)
     if files is None:
         files = digests_of(folder)
     written = identity_of(index.get("identity"))
-    return Identity("capture", content_of(index, files), {} if written is None else written.made_from)
+    try:
+        content = content_of(index, files)
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"{folder / 'capture.json'}: holds what is no JSON ({error}); make the capture again"
+        ) from None
+    return Identity("capture", content, {} if written is None else written.made_from)
 
 
 def content_of(index: dict[str, Any], files: dict[str, str]) -> str:

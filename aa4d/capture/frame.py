@@ -18,7 +18,7 @@ from aa4d.errors import InputError
 from aa4d.raster.types import Camera
 
 # Of a unit: what lies outside is no scene, and float32 cameras in such units overflow (docs/formats.md).
-SMALLEST_UNIT_M, LARGEST_UNIT_M = 1e-6, 1e5
+SMALLEST_UNIT_M, LARGEST_UNIT_M = 1e-6, 1e6
 
 
 @dataclass(frozen=True)

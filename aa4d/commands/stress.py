@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def stress(
-    part: Annotated[str | None, arg(help="Only this part; without it all of them.")] = None,
+    part: Annotated[str | None, arg(metavar="NAME", help="Only this part; without it all of them.")] = None,
     write: Annotated[Path | None, arg(metavar="PATH", help="Page to write the table to.")] = None,
     seed: Annotated[int, arg(help="Seed of the search.")] = 0,
     budget: Annotated[
@@ -42,11 +43,11 @@ def stress(
     if part is not None and part not in all_parts:
         raise InputError(f"--part {part}: must be {one_of(all_parts, part)}")
     names = list(all_parts) if part is None else [part]
-    if not run(names, write) or (budget > 0 and not search(names, seed, budget)):
+    if not run(names, all_parts, write) or (budget > 0 and not search(names, seed, budget)):
         sys.exit(1)
 
 
-def run(names: list[str], write: Path | None) -> bool:
+def run(names: list[str], titles: Mapping[str, str], write: Path | None) -> bool:
     """Print, and perhaps write, the table of some parts; True where all pass."""
     import torch
 
@@ -62,7 +63,7 @@ def run(names: list[str], write: Path | None) -> bool:
             console.print(row(outcome), highlight=False, soft_wrap=True)
     console.print(summary(outcomes), highlight=False)
     if write is not None:
-        write_text(write, as_markdown(outcomes))
+        write_text(write, as_markdown(outcomes, titles))
     return all(outcome.passes for outcome in outcomes)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from aa4d.stress.runner import Outcome
 
@@ -35,28 +35,25 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     return f"{len(outcomes)} cases, {failed} failed, {seconds:.0f} s"
 
 
-def as_markdown(outcomes: Sequence[Outcome]) -> str:
-    """The page, a section for each part."""
+def as_markdown(outcomes: Sequence[Outcome], titles: Mapping[str, str]) -> str:
+    """The page, a section for each part, by its title."""
     lines = [HEAD, f"{summary(outcomes)} in all."]
     for part in dict.fromkeys(outcome.case.part for outcome in outcomes):
         own = [outcome for outcome in outcomes if outcome.case.part == part]
         lines += [
             "",
-            f"## {part[0].upper()}{part[1:]}",
+            f"## {titles[part]}",
             "",
             "| case | why it is hard | what is done | worst error | bound | s |",
             "|---|---|---|---:|---:|---:|",
         ]
+        before = ("", "")
         for outcome in own:
             case = outcome.case
-            cells = (
-                case.name,
-                case.why,
-                case.done,
-                number(outcome.error),
-                number(case.bound),
-                f"{outcome.seconds:.2f}",
-            )
+            about = (case.why, case.done)
+            said = ("", "") if about == before else about  # once for all values of a case
+            before = about
+            cells = (case.name, *said, number(outcome.error), number(case.bound), f"{outcome.seconds:.2f}")
             lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 

@@ -7,12 +7,10 @@ import pytest
 import torch
 
 from aa4d.anchors.canonical import EMBEDDINGS, Anchors, spacing, voxel_centres
-from aa4d.anchors.densification import Growth, Statistics, grow, transparent
-from aa4d.anchors.visibility import in_view
+from aa4d.anchors.densification import Growth, Statistics, grow
 from aa4d.methods.adaanchor4d.growth import edit_of
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D
 from aa4d.methods.adaanchor4d.settings import LearningRates, ModelConfig
-from aa4d.raster.types import Camera
 from aa4d.training.checkpoints import TrainingState
 from aa4d.training.optimiser import edit_units, make_optimiser
 
@@ -53,20 +51,6 @@ def test_limit_bounds_the_number_of_new_anchors_over_all_levels() -> None:
     centres = torch.rand(1, 400, 3, generator=torch.Generator().manual_seed(3)) * 10 + 1
     gradient = torch.full((1, 400), 100.0)
     assert len(grow_from(torch.zeros(1, 3), centres, gradient, levels=3, voxel_factor=16, limit=7).parent) == 7
-
-
-def test_transparent_anchors_are_judged_only_when_seen_often() -> None:
-    statistics = Statistics.zeros(3, 4)
-    statistics.seen += torch.tensor([100.0, 100.0, 10.0])
-    statistics.opacity += torch.tensor([0.1, 50.0, 0.0])
-    assert transparent(statistics, min_opacity=0.005, min_seen=80).tolist() == [True, False, False]
-
-
-def test_in_view_holds_at_and_behind_the_camera() -> None:
-    K = torch.tensor([[10.0, 0, 5], [0, 10, 5], [0, 0, 1]])
-    camera = Camera(torch.eye(4), K, 10, 10)
-    position = torch.tensor([[0, 0, 1.0], [0, 0, 0.0], [0, 0, -1.0], [9.0, 0, 1.0], [0.6, -0.6, 1.0]])
-    assert in_view(position, camera).tolist() == [0, 4]
 
 
 def state_with_moments(n: int) -> TrainingState:

@@ -58,3 +58,13 @@ def test_cameras_that_see_no_point_are_refused(toy_capture: Path) -> None:
     capture = read_capture(toy_capture)
     with pytest.raises(InputError, match="no training camera sees any point"):
         frame_of(replace(capture, points=capture.points + np.array([0, 0, 100.0])))
+
+
+def test_points_in_the_lens_give_no_unit(toy_capture: Path) -> None:
+    capture = read_capture(toy_capture)
+    viewmat = capture.frames[0].viewmat
+    frames = tuple(replace(frame, viewmat=viewmat) for frame in capture.frames)
+    before_the_lens = -viewmat[:3, :3].T @ viewmat[:3, 3] - [0, 0, 1e-9]  # the toy's cameras look down
+    near = replace(capture, frames=frames, points=np.tile(before_the_lens, (5, 1)))
+    with pytest.raises(InputError, match=r"its cameras see the points at 1e-09 m, expected 1e-06 to 1e\+06 m"):
+        frame_of(near)

@@ -212,3 +212,11 @@ def test_boxes_of_another_kind_are_refused(toy_capture: Path, changed: dict[str,
     store_boxes(toy_capture, **changed)
     with pytest.raises(InputError, match=says):
         boxes_of(read_capture(toy_capture))
+
+
+def test_a_number_that_is_none_in_a_key_that_nobody_reads_is_refused(toy_capture: Path) -> None:
+    """JSON's 1e999 is infinite: no identity can be made of it."""
+    index = toy_capture / "capture.json"
+    index.write_text(index.read_text().replace('"version": 1', '"version": 1, "note": 1e999'))
+    with pytest.raises(InputError, match=r"capture\.json: holds what is no JSON"):
+        read_capture(toy_capture)

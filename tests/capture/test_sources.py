@@ -72,6 +72,12 @@ def test_genuine_uavdt_files(sequence: str) -> None:
         read_annotations(GENUINE / f"{sequence}_gt_ignore.txt", numbers)
 
 
+def test_rows_of_one_column_are_no_boxes(tmp_path: Path) -> None:
+    (tmp_path / "M_gt.txt").write_text("1\n2\n")
+    with pytest.raises(InputError, match="rows have 1 columns; known are 10"):
+        read_annotations(tmp_path / "M_gt.txt", [1])
+
+
 def test_an_empty_annotation_file_has_no_boxes(tmp_path: Path) -> None:
     (tmp_path / "M_gt.txt").write_text("")
     read = read_annotations(tmp_path / "M_gt.txt", [1])

@@ -26,7 +26,8 @@ TOML_NASTY = [
     "1979-05-27", "0x7fffffffffffffff", '"x"', "[1, [2, [3]]]", "9" * 400, "{a = 1}", "1e-320",
 ]  # fmt: skip
 TEXT_NASTY = [
-    "", " ", "-1", "nan", "inf", "1e999", "9" * 400, "\0", ",", "\n", "0x10", "1e308", "-0", "é", "\ufeff", "x", "00:99:99",
+    "", " ", "-1", "nan", "inf", "1e999", "9" * 400, "\0", ",", "\n", "0x10", "1e308", "-0", "é", "\ufeff", "x",
+    "00:99:99",
 ]  # fmt: skip
 
 
@@ -71,7 +72,9 @@ def of_value(document: Any, rng: random.Random) -> Any:
             if key in _keys(holder) and other_key in _keys(other):
                 holder[key], other[other_key] = copy.deepcopy(other[other_key]), copy.deepcopy(holder[key])
         elif kind == 6 and isinstance(holder[key], int | float) and not isinstance(holder[key], bool):
-            holder[key] = holder[key] * rng.choice([-1, 0, 1e-300, 1e10, 1e300, 2])
+            holder[key] *= (
+                rng.choice([-1, 0, 2, 10**10]) if abs(holder[key]) > 1e300 else rng.choice([-1, 1e-300, 1e10, 1e300])
+            )
         elif kind == 7 and isinstance(holder, list):
             holder[key : key + 1] = [holder[key]] * rng.choice([2, 3, 50])
         else:
@@ -94,7 +97,14 @@ def of_toml(content: bytes, rng: random.Random) -> bytes:
         if "=" in lines[at] and rng.random() < 0.7:
             lines[at] = lines[at].split("=")[0] + "= " + rng.choice(TOML_NASTY)
         else:
-            changes = [[], [lines[at]] * 2, ["[" + "x." * 3000 + "y]"], ["[[x]]"], ["a = " + "[" * 3000], [rng.choice(lines)]]
+            changes = [
+                [],
+                [lines[at]] * 2,
+                ["[" + "x." * 3000 + "y]"],
+                ["[[x]]"],
+                ["a = " + "[" * 3000],
+                [rng.choice(lines)],
+            ]
             lines[at : at + 1] = rng.choice(changes)
     return "\n".join(lines).encode("utf-8", "surrogatepass")
 
@@ -128,7 +138,9 @@ def of_safetensors(content: bytes, rng: random.Random) -> bytes:
         for _ in range(rng.choice([1, 3, 100])):
             if end - begin >= 4:
                 at = begin + 4 * rng.randrange((end - begin) // 4)
-                data[at : at + 4] = struct.pack("<f", rng.choice([math.nan, math.inf, -math.inf, 1e30, -3e38, 1e-45, 7.5]))
+                data[at : at + 4] = struct.pack(
+                    "<f", rng.choice([math.nan, math.inf, -math.inf, 1e30, -3e38, 1e-45, 7.5])
+                )
         if rng.random() < 0.3 and len(tensor["shape"]) > 0:  # another shape of the same size
             tensor["shape"] = rng.choice([tensor["shape"][::-1], [math.prod(tensor["shape"])], [1, *tensor["shape"]]])
     text = _dumped(header)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import random
 import shutil
-import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +19,7 @@ import torch
 from aa4d.capture.annotations import read_annotations
 from aa4d.capture.gnss import read_subtitles
 from aa4d.capture.reader import read_capture
-from aa4d.capture.sources.posed import read_transforms
+from aa4d.capture.sources.transforms import read_transforms
 from aa4d.errors import InputError
 from aa4d.filming.camera_path import read_camera_path
 from aa4d.methods.adaanchor4d.settings import PRESETS
@@ -30,12 +31,12 @@ from aa4d.training.checkpoints import load_checkpoint
 from aa4d.training.history import COLUMNS, History
 from synth.errors import InputError as SceneError
 from synth.spec import read_scene
+from tests.addon.model_files import make_model
+from tests.addon.model_files import write_model as write_model_file
 from tests.fuzz import mutate
 from tests.toy_capture import write_toy_capture
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "tests" / "addon"))
-
 Folder = Path
 
 
@@ -62,18 +63,24 @@ def _captured(capture: Any) -> bool:
     )
 
 
+def copy_toy_capture(folder: Folder) -> None:
+    shutil.copytree(_toy(), folder, dirs_exist_ok=True)
+
+
+@cache
+def _toy() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="aa4d-fuzz-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return write_toy_capture(folder / "capture", frames=3)
+
+
 @cache
 def model() -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    from model_files import make_model
-
-    made: tuple[dict[str, np.ndarray], dict[str, Any]] = make_model(20, groups=2)
-    return made
+    return make_model(20, groups=2)
 
 
 def write_model(folder: Folder) -> None:
-    from model_files import write_model as write
-
-    write(folder / "model.safetensors", *model())
+    write_model_file(folder / "model.safetensors", *model())
 
 
 @cache
@@ -145,7 +152,16 @@ def write_tracks(folder: Folder) -> None:
 
 def write_transforms(folder: Folder) -> None:
     frames = [{"file_path": f"images/{i:04}.png", "transform_matrix": np.eye(4).tolist()} for i in range(4)]
-    camera = {"camera_model": "OPENCV", "w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "k1": 0.01}
+    camera = {
+        "camera_model": "OPENCV",
+        "w": 64,
+        "h": 48,
+        "fl_x": 60.0,
+        "fl_y": 60.0,
+        "cx": 32.0,
+        "cy": 24.0,
+        "k1": 0.01,
+    }
     (folder / "transforms.json").write_text(json.dumps(camera | {"frames": frames}))
 
 
@@ -164,7 +180,8 @@ def write_annotations(folder: Folder) -> None:
 
 
 def write_subtitles(folder: Folder) -> None:
-    block = "{}\n00:00:0{},000 --> 00:00:0{},000\n[iso: 100] [latitude: 48.{}] [longitude: 11.5] [rel_alt: 30.1 abs_alt: 500.2]\n\n"
+    fields = "[iso: 100] [latitude: 48.{}] [longitude: 11.5] [rel_alt: 30.1 abs_alt: 500.2]"
+    block = "{}\n00:00:0{},000 --> 00:00:0{},000\n" + fields + "\n\n"
     (folder / "clip.SRT").write_text("".join(block.format(i, i, i + 1, i) for i in range(1, 6)))
 
 
@@ -192,9 +209,9 @@ def write_scene(folder: Folder) -> None:
 
 
 READERS = (
-    Reader("capture", "capture.json", write_toy_capture_in := lambda f: shutil.copytree(_toy(), f, dirs_exist_ok=True),
+    Reader("capture", "capture.json", copy_toy_capture,
            mutate.of_json, lambda p: read_capture(p.parent), InputError, _captured),
-    Reader("points", "points.ply", write_toy_capture_in, mutate.of_bytes, lambda p: read_capture(p.parent), InputError,
+    Reader("points", "points.ply", copy_toy_capture, mutate.of_bytes, lambda p: read_capture(p.parent), InputError,
            _captured),
     Reader("transforms", "transforms.json", write_transforms, mutate.of_json, read_transforms, InputError),
     Reader("scene", "scene.toml", write_scene, mutate.of_toml, read_scene, SceneError),
@@ -217,13 +234,3 @@ READERS = (
     Reader("history", "history.csv", write_history, mutate.of_text,
            lambda p: History(p.parent, 60, tensorboard=False), InputError),
 )  # fmt: skip
-
-
-@cache
-def _toy() -> Path:
-    import atexit
-    import tempfile
-
-    folder = Path(tempfile.mkdtemp(prefix="aa4d-fuzz-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return write_toy_capture(folder / "capture", frames=3)

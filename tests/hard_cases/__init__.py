@@ -7,22 +7,23 @@ from pathlib import Path
 for room in ("raster", "addon"):
     sys.path.append(str(Path(__file__).parents[1] / room))
 
-PARTS = (
-    "traffic",
-    "flight",
-    "raster",
-    "plane_lookup",
-    "acfa",
-    "dlgd",
-    "dacw",
-    "anchors",
-    "groups",
-    "losses",
-    "optimiser",
-    "densification",
-    "checkpoints",
-    "sfm",
-    "model_file",
-    "export",
-    "extension",
-)
+# Names of modules, and what they are called on the page.
+PARTS = {
+    "traffic": "Traffic and car following",
+    "flight": "Flight",
+    "raster": "Projection and rasteriser",
+    "plane_lookup": "Plane look-up and its penalty",
+    "acfa": "ACFA",
+    "dlgd": "DLGD",
+    "dacw": "DACW",
+    "anchors": "Anchors and their decoding",
+    "groups": "Rigid groups and tracks",
+    "losses": "Losses and metrics",
+    "optimiser": "Optimiser, rates and learned poses",
+    "densification": "Growing and pruning",
+    "checkpoints": "Checkpoints and tracks of a run",
+    "sfm": "Structure from motion",
+    "model_file": "The model file",
+    "export": "Export",
+    "extension": "The Blender extension",
+}

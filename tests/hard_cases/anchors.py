@@ -49,8 +49,12 @@ def decoder_outputs_of_size(size: float) -> float:
     return decoding_error(outputs(300, 10, size), 0.1)
 
 
-@PART.case(why="no anchors, no offsets, one of each", done="empty Gaussians", bound=1e-5,
-           each={f"{n} x {k}": (n, k) for n, k in ((0, 10), (1, 1), (5, 0), (2, 64))})  # fmt: skip
+@PART.case(
+    why="no anchors, no offsets, one of each",
+    done="empty Gaussians",
+    bound=1e-5,
+    each={f"{n} x {k}": (n, k) for n, k in ((0, 10), (1, 1), (5, 0), (2, 64))},
+)
 def odd_numbers(size: tuple[int, int]) -> float:
     return decoding_error(outputs(*size))
 
@@ -126,8 +130,9 @@ def outputs_that_do_not_fit() -> float:
     return refusal(ValueError, lambda: local_gaussians(*inputs), "do not fit")
 
 
-@PART.case(why="a Gaussian's share of scale underflows", done="zero, which the rasteriser draws at a pixel's size",
-           bound=1e-6)  # fmt: skip
+@PART.case(
+    why="a Gaussian's share of scale underflows", done="zero, which the rasteriser draws at a pixel's size", bound=1e-6
+)
 def scales_that_vanish() -> float:
     inputs = [x.detach() for x in outputs(3, 2)]
     inputs[5] = torch.full((3, 14), -200.0)

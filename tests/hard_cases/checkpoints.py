@@ -84,20 +84,29 @@ def round_trip() -> float:
     return max(float((a.double() - b.double()).abs().max()) for a, b in pairs)
 
 
-@PART.case(why="killed while it was written, or a disk that was full", done="refused in one sentence",
-           each={f"the first {n} bytes": n for n in (0, 7, 8, 200, 5000)})  # fmt: skip
+@PART.case(
+    why="killed while it was written, or a disk that was full",
+    done="refused in one sentence",
+    each={f"the first {n} bytes": n for n in (0, 7, 8, 200, 5000)},
+)
 def cut_short(size: int) -> float:
     return refusal(InputError, lambda: loaded(lambda path: path.write_bytes(path.read_bytes()[:size])), "checkpoint")
 
 
-@PART.case(why="something else under its name", done="refused in one sentence; nothing is unpickled",
-           each={"a pickle": b"\x80\x05cos\nsystem\n.", "zeros": bytes(4096), "a huge header": b"\xff" * 64})  # fmt: skip
+@PART.case(
+    why="something else under its name",
+    done="refused in one sentence; nothing is unpickled",
+    each={"a pickle": b"\x80\x05cos\nsystem\n.", "zeros": bytes(4096), "a huge header": b"\xff" * 64},
+)
 def another_file(content: bytes) -> float:
     return refusal(InputError, lambda: loaded(lambda path: path.write_bytes(content)), "checkpoint")
 
 
-@PART.case(why="a run that goes on with other anchors' moments", done="refused with what does not fit",
-           each={"a parameter of fewer rows": "model.anchors.feature", "statistics of fewer rows": "statistics.seen"})  # fmt: skip
+@PART.case(
+    why="a run that goes on with other anchors' moments",
+    done="refused with what does not fit",
+    each={"a parameter of fewer rows": "model.anchors.feature", "statistics of fewer rows": "statistics.seen"},
+)
 def tensors_of_another_shape(name: str) -> float:
     def change(tensors: dict[str, torch.Tensor]) -> None:
         tensors[name] = tensors[name][:3].clone()
@@ -105,9 +114,15 @@ def tensors_of_another_shape(name: str) -> float:
     return refusal(InputError, lambda: loaded(rewritten(nothing, change)), "checkpoint")
 
 
-@PART.case(why="a tensor that is missing", done="refused with its name", each={
-    "a parameter": "model.anchors.offset", "a moment": "adam.exp_avg.anchors.offset", "statistics": "statistics.drawn",
-})  # fmt: skip
+@PART.case(
+    why="a tensor that is missing",
+    done="refused with its name",
+    each={
+        "a parameter": "model.anchors.offset",
+        "a moment": "adam.exp_avg.anchors.offset",
+        "statistics": "statistics.drawn",
+    },
+)
 def a_tensor_is_missing(name: str) -> float:
     return refusal(InputError, lambda: loaded(rewritten(nothing, lambda tensors: tensors.pop(name))), "checkpoint")
 
@@ -143,8 +158,11 @@ def tracks_cut_short(size: int) -> float:
     return refusal(InputError, lambda: read_back(lambda b: b[:size]), "tracks")
 
 
-@PART.case(why="tracks at infinity, or pixels of a mover that is not there", done="refused: they do not fit together",
-           each={"infinite": ("control", math.inf), "NaN": ("up", math.nan), "label 9": ("labels", 9)})  # fmt: skip
+@PART.case(
+    why="tracks at infinity, or pixels of a mover that is not there",
+    done="refused: they do not fit together",
+    each={"infinite": ("control", math.inf), "NaN": ("up", math.nan), "label 9": ("labels", 9)},
+)
 def tracks_that_do_not_fit(change: tuple[str, float]) -> float:
     name, value = change
 

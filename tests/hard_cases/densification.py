@@ -38,8 +38,10 @@ def gradient_that_is_infinite() -> float:
     return 0.0 if len(growth.parent) == 1 and growth.position.isfinite().all() else math.inf
 
 
-@PART.case(why="voxels of a tenth of a micrometre 100 m away: float32 has no such steps",
-           done="grown at places that float32 has: no candidate's voxel twice")  # fmt: skip
+@PART.case(
+    why="voxels of a tenth of a micrometre 100 m away: float32 has no such steps",
+    done="grown at places that float32 has: no candidate's voxel twice",
+)
 def voxels_finer_than_float32() -> float:
     centres = torch.full((1, 40, 3), 100.0) + torch.rand(1, 40, 3, generator=torch.Generator().manual_seed(1)) * 1e-3
     growth = grown(torch.zeros(1, 3), centres, torch.full((1, 40), 2.0), voxel=1e-7)

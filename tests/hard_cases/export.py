@@ -38,15 +38,23 @@ def columns_of(g: WorldGaussians) -> dict[str, np.ndarray]:
         return {name: np.array(vertex[name], np.float64) for name in vertex.dtype.names}
 
 
-@PART.case(why="an opacity is written as a logit, infinite at one", done="a millionth below one at most", bound=2e-6,
-           each={"1": 1.0, "almost 1": 1 - 1e-16, "the faintest": FAINTEST})  # fmt: skip
+@PART.case(
+    why="an opacity is written as a logit, infinite at one",
+    done="a millionth below one at most",
+    bound=2e-6,
+    each={"1": 1.0, "almost 1": 1 - 1e-16, "the faintest": FAINTEST},
+)
 def opacity_of(value: float) -> float:
     found = columns_of(gaussians(opacities=np.array([value, 0.5])))["opacity"][0]
     return abs(1 / (1 + math.exp(-found)) - value) if math.isfinite(found) else math.inf
 
 
-@PART.case(why="a scale is written as its logarithm, infinite at zero", done="a nanometre at least", bound=1e-6,
-           each={"0": 0.0, "1e-30 m": 1e-30, "1 km": 1e3})  # fmt: skip
+@PART.case(
+    why="a scale is written as its logarithm, infinite at zero",
+    done="a nanometre at least",
+    bound=1e-6,
+    each={"0": 0.0, "1e-30 m": 1e-30, "1 km": 1e3},
+)
 def scale_of(value: float) -> float:
     found = math.exp(columns_of(gaussians(scales=np.array([[value, 1, 1], [1, 1, 1]])))["scale_0"][0])
     return abs(found - max(value, 1e-9)) / max(value, 1.0)
@@ -71,8 +79,11 @@ def no_gaussians() -> float:
     return float(len(columns_of(none)["x"]))
 
 
-@PART.case(why="sRGB's curve has a kink near black, and no root of negative values", done="linear below it; there and back",
-           bound=1e-6)  # fmt: skip
+@PART.case(
+    why="sRGB's curve has a kink near black, and no root of negative values",
+    done="linear below it; there and back",
+    bound=1e-6,
+)
 def srgb_there_and_back() -> float:
     values = np.array([0.0, 1e-30, 0.0031308, 0.04045, 0.0404500001, 0.5, 1.0])
     return float(np.abs(srgb(linear(values).astype(np.float32)) - values).max())
@@ -85,7 +96,13 @@ def the_extensions_ply() -> float:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.ply"
         one = np.ones((3, 3), np.float32)
-        write_ply(path, one, one * 0, np.array([1.0, 0.0, 0.5], np.float32), one * 0,
-                  np.tile(np.array([1, 0, 0, 0], np.float32), (3, 1)))  # fmt: skip
+        write_ply(
+            path,
+            one,
+            one * 0,
+            np.array([1.0, 0.0, 0.5], np.float32),
+            one * 0,
+            np.tile(np.array([1, 0, 0, 0], np.float32), (3, 1)),
+        )
         vertex = PlyData.read(str(path))["vertex"].data
     return 0.0 if all(np.isfinite(vertex[name]).all() for name in vertex.dtype.names) else math.inf

@@ -37,26 +37,42 @@ def difference(t: float, scale: float = 1.0, **options: object) -> float:
     return float(np.abs(found - truth).max() / max(1.0, np.abs(truth).max()))
 
 
-@PART.case(why="the first and the last frame, and times that float32 cannot tell from them", done="clamped rows of the planes",
-           bound=2e-5, each={str(t): t for t in (0.0, 1e-40, 0.5, 1 - 6e-8, 1.0)})  # fmt: skip
+@PART.case(
+    why="the first and the last frame, and times that float32 cannot tell from them",
+    done="clamped rows of the planes",
+    bound=2e-5,
+    each={str(t): t for t in (0.0, 1e-40, 0.5, 1 - 6e-8, 1.0)},
+)
 def places_at(t: float) -> float:
     return difference(t)
 
 
-@PART.case(why="networks that training saturated or let die", done="the same formulas, and no exponential that overflows",
-           bound=5e-5, each={f"weights times {s:g}": s for s in (1e-20, 1e-3, 30.0, 1e3)})  # fmt: skip
+@PART.case(
+    why="networks that training saturated or let die",
+    done="the same formulas, and no exponential that overflows",
+    bound=5e-5,
+    each={f"weights times {s:g}": s for s in (1e-20, 1e-3, 30.0, 1e3)},
+)
 def networks_scaled(scale: float) -> float:
     return difference(0.37, scale)
 
 
-@PART.case(why="groups that appear at an instant and turn by many radians", done="the spline and the rotation in float64",
-           bound=5e-5, each={str(t): t for t in (0.0, 0.4, 1.0)})  # fmt: skip
+@PART.case(
+    why="groups that appear at an instant and turn by many radians",
+    done="the spline and the rotation in float64",
+    bound=5e-5,
+    each={str(t): t for t in (0.0, 0.4, 1.0)},
+)
 def riders_at(t: float) -> float:
     return difference(t, groups=3)
 
 
-@PART.case(why="one anchor; every aggregation", done="the same numbers", bound=2e-5,
-           each={a: a for a in ("product", "mean", "anchor_only", "time_only", "acfa")})  # fmt: skip
+@PART.case(
+    why="one anchor; every aggregation",
+    done="the same numbers",
+    bound=2e-5,
+    each={a: a for a in ("product", "mean", "anchor_only", "time_only", "acfa")},
+)
 def aggregations(aggregation: str) -> float:
     return difference(0.7, aggregation=aggregation)
 
@@ -68,8 +84,12 @@ TURNS = {
 }
 
 
-@PART.case(why="a quaternion from a rotation's trace alone divides by zero at half a turn",
-           done="the largest component is found first", bound=1e-6, each=TURNS)  # fmt: skip
+@PART.case(
+    why="a quaternion from a rotation's trace alone divides by zero at half a turn",
+    done="the largest component is found first",
+    bound=1e-6,
+    each=TURNS,
+)
 def quaternion_there_and_back(quaternions: np.ndarray) -> float:
     unit = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).astype(np.float32)
     back = quaternions_of(rotations_of(unit))
@@ -85,8 +105,12 @@ MAPS = {
 }
 
 
-@PART.case(why="shears, mirrors and flat maps are no rotation", done="the map's own ellipsoid by singular values",
-           bound=2e-6, each=MAPS)  # fmt: skip
+@PART.case(
+    why="shears, mirrors and flat maps are no rotation",
+    done="the map's own ellipsoid by singular values",
+    bound=2e-6,
+    each=MAPS,
+)
 def ellipsoids_under_a_map(linear: np.ndarray) -> float:
     """Against the covariance of the moved ellipsoid, relative to its largest entry."""
     random = np.random.default_rng(0)
@@ -106,8 +130,12 @@ def ellipsoids_under_a_map(linear: np.ndarray) -> float:
     return worst if math.isfinite(worst) else math.inf
 
 
-@PART.case(why="points on a line or in one place tell nothing of some axes", done="those axes stay as they are", bound=1e-5,
-           each={"a line": 1, "a plane": 2, "one point": 0})  # fmt: skip
+@PART.case(
+    why="points on a line or in one place tell nothing of some axes",
+    done="those axes stay as they are",
+    bound=1e-5,
+    each={"a line": 1, "a plane": 2, "one point": 0},
+)
 def fit_of_flat_points(dimensions: int) -> float:
     points = np.zeros((9, 3), np.float32)
     points[:, :dimensions] = np.random.default_rng(1).normal(size=(9, dimensions))

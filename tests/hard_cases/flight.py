@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,17 +24,24 @@ def off_rotation(matrix: Array) -> float:
     return max(float(np.abs(matrix @ matrix.T - np.eye(3)).max()), abs(float(np.linalg.det(matrix)) - 1))
 
 
-@PART.case(why="straight down a level horizon says nothing of the heading", done="up follows from the two angles",
-           bound=1e-12, each={f"pitch {p:g}": p for p in (-math.pi / 2, -math.pi / 2 + 1e-12, 0.0, 1e-300, -2.0)})  # fmt: skip
+@PART.case(
+    why="straight down a level horizon says nothing of the heading",
+    done="up follows from the two angles",
+    bound=1e-12,
+    each={f"pitch {p:g}": p for p in (-math.pi / 2, -math.pi / 2 + 1e-12, 0.0, 1e-300, -2.0)},
+)
 def orientation_at(pitch: float) -> float:
     return max(off_rotation(orientation(yaw, pitch)) for yaw in (0.0, 1e-300, math.pi, -1e3))
 
 
-@PART.case(why="a flight over nadir flips a camera that looks up its own way", done="no step of the picture larger than the turn",
-           bound=1e-6)  # fmt: skip
+@PART.case(
+    why="a flight over nadir flips a camera that looks up its own way",
+    done="no step of the picture larger than the turn",
+    bound=1e-6,
+)
 def through_nadir() -> float:
     steps = [orientation(0.3, -math.pi / 2 + d) for d in np.linspace(-1e-3, 1e-3, 21)]
-    return max(float(np.abs(b - a).max()) for a, b in zip(steps, steps[1:], strict=False)) - 1e-4
+    return max(float(np.abs(b - a).max()) for a, b in pairwise(steps)) - 1e-4
 
 
 TARGETS = {
@@ -46,14 +54,22 @@ TARGETS = {
 }
 
 
-@PART.case(why="straight above its target a camera has no heading; lengths under- and overflow",
-           done="north is up there; the direction is normalised in float64", bound=1e-12, each=TARGETS)  # fmt: skip
+@PART.case(
+    why="straight above its target a camera has no heading; lengths under- and overflow",
+    done="north is up there; the direction is normalised in float64",
+    bound=1e-12,
+    each=TARGETS,
+)
 def looking_at(places: tuple[list[float], list[float]]) -> float:
     return off_rotation(look_at(np.array(places[0]), np.array(places[1]), None))
 
 
-@PART.case(why="a matrix inverted as a general one loses digits far from the origin",
-           done="inverted as a rotation and a translation", bound=1e-9, each={f"{d:g} m": d for d in (1.0, 1e4)})  # fmt: skip
+@PART.case(
+    why="a matrix inverted as a general one loses digits far from the origin",
+    done="inverted as a rotation and a translation",
+    bound=1e-9,
+    each={f"{d:g} m": d for d in (1.0, 1e4)},
+)
 def inverse_of_a_pose(distance: float) -> float:
     matrix = pose(orientation(0.7, -1.1), np.array([distance, -distance, distance]))
     return float(np.abs(invert_rigid(matrix) @ matrix - np.eye(4)).max())

@@ -38,8 +38,12 @@ def heading_of(angle: float) -> float:
     return float(np.abs(found - Rotation.from_rotvec(up * angle).as_matrix()).max())
 
 
-@PART.case(why="a trajectory that learning threw out of the world", done="comes back to its bound", bound=1e-4,
-           each={"1e30": 1e30, "infinity": math.inf})  # fmt: skip
+@PART.case(
+    why="a trajectory that learning threw out of the world",
+    done="comes back to its bound",
+    bound=1e-4,
+    each={"1e30": 1e30, "infinity": math.inf},
+)
 def trajectory_thrown_to(value: float) -> float:
     groups = some_groups(ALWAYS)
     with torch.no_grad():
@@ -54,8 +58,10 @@ def trajectory_thrown_to(value: float) -> float:
     return max(kept, float(shift.norm(dim=1).max()) / 0.02 - 1, abs(float(groups.heading[0, 1].detach())) / 0.3 - 1)
 
 
-@PART.case(why="a trajectory that is NaN, taken for its start, would train on without a word",
-           done="stays NaN, in position and heading alike, where the watch finds it")  # fmt: skip
+@PART.case(
+    why="a trajectory that is NaN, taken for its start, would train on without a word",
+    done="stays NaN, in position and heading alike, where the watch finds it",
+)
 def trajectory_of_nan() -> float:
     groups = some_groups(ALWAYS)
     with torch.no_grad():
@@ -75,8 +81,12 @@ def presence_at_an_instant() -> float:
     return max(worst, abs(float(groups.presence(0.3)[1])), abs(float(groups.presence(0.41)[1]) - 1))
 
 
-@PART.case(why="times outside the clip, or of a clip of one frame", done="clamped to the first and the last segment",
-           bound=1e-12, each={str(t): t for t in (-3.0, 0.0, 1.0, 17.0, 1e300)})  # fmt: skip
+@PART.case(
+    why="times outside the clip, or of a clip of one frame",
+    done="clamped to the first and the last segment",
+    bound=1e-12,
+    each={str(t): t for t in (-3.0, 0.0, 1.0, 17.0, 1e300)},
+)
 def spline_at(t: float) -> float:
     first, weights = weights_at(t, 9)
     assert 0 <= first <= 9 - 4
@@ -104,9 +114,13 @@ def sightings(t: list[float], x: list[float], **changes: object) -> Sightings:
     n = len(t)
     position = np.stack([np.array(x), np.zeros(n), np.zeros(n)], 1)
     values: dict[str, object] = {
-        "t": np.array(t), "position": position, "position_sd": np.full(n, 0.1), "velocity": np.full((n, 3), np.nan),
-        "velocity_sd": np.full(n, 0.1), "heading": np.full(n, np.nan),
-    } | changes  # fmt: skip
+        "t": np.array(t),
+        "position": position,
+        "position_sd": np.full(n, 0.1),
+        "velocity": np.full((n, 3), np.nan),
+        "velocity_sd": np.full(n, 0.1),
+        "heading": np.full(n, np.nan),
+    } | changes
     return Sightings(**values)  # type: ignore[arg-type]
 
 
@@ -143,8 +157,11 @@ def heading_of_a_standing_track() -> float:
     return float(np.ptp(control[:, 3])) if np.isfinite(control).all() else math.inf
 
 
-@PART.case(why="headings that wrap, and a vehicle that backs up by half a turn",
-           done="whole and half turns taken out", bound=1e-9)  # fmt: skip
+@PART.case(
+    why="headings that wrap, and a vehicle that backs up by half a turn",
+    done="whole and half turns taken out",
+    bound=1e-9,
+)
 def headings_that_wrap() -> float:
     way = np.linspace(0, 20, 200)
     wrapped = (way + math.pi) % (2 * math.pi) - math.pi
@@ -158,8 +175,11 @@ def trapezoid_without_ramps(shown: tuple[float, ...]) -> float:
     return float(np.abs(found - [0, 0, 1, 1, 1, 0, 0]).max())
 
 
-@PART.case(why="gradients of a ride at a heading of zero", done="smooth there: sine and 1 - cosine of the angle itself",
-           bound=1e-6)  # fmt: skip
+@PART.case(
+    why="gradients of a ride at a heading of zero",
+    done="smooth there: sine and 1 - cosine of the angle itself",
+    bound=1e-6,
+)
 def gradient_of_a_ride() -> float:
     def ride(heading: Tensor) -> Tensor:
         return pose_of(torch.zeros(1, 3).double(), heading, torch.tensor([0.0, 0, 1]).double()).rotation.sum()

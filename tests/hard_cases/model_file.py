@@ -41,19 +41,30 @@ def with_metadata(**changes: Any) -> Callable[[Path], object]:
     return write
 
 
-@PART.case(why="numbers that JSON can hold and no clip can have", done="refused by both readers", each={
-    "fps = 1e999": {"fps": 1e999}, "fps = 10^400": {"fps": 10**400}, "fps = 0": {"fps": 0}, "fps = true": {"fps": True},
-    "background = NaN": {"background": [math.nan] * 3}, "no frames": {"frames": []},
-    "a scale of 0": {"model_to_world": np.diag([0.0, 0, 0, 1]).tolist()},
-    "a scale of 1e-320": {"model_to_world": np.diag([1e-320, 1e-320, 1e-320, 1]).tolist()},
-    "a scale of 1e-30": {"model_to_world": np.diag([1e-30, 1e-30, 1e-30, 1]).tolist()},
-})  # fmt: skip
+@PART.case(
+    why="numbers that JSON can hold and no clip can have",
+    done="refused by both readers",
+    each={
+        "fps = 1e999": {"fps": 1e999},
+        "fps = 10^400": {"fps": 10**400},
+        "fps = 0": {"fps": 0},
+        "fps = true": {"fps": True},
+        "background = NaN": {"background": [math.nan] * 3},
+        "no frames": {"frames": []},
+        "a scale of 0": {"model_to_world": np.diag([0.0, 0, 0, 1]).tolist()},
+        "a scale of 1e-320": {"model_to_world": np.diag([1e-320, 1e-320, 1e-320, 1]).tolist()},
+        "a scale of 1e-30": {"model_to_world": np.diag([1e-30, 1e-30, 1e-30, 1]).tolist()},
+    },
+)
 def impossible_metadata(changes: dict[str, Any]) -> float:
     return refused_by_both(with_metadata(**changes))
 
 
-@PART.case(why="one value of millions that is not finite spoils every frame", done="refused with the tensor's name",
-           each={"NaN": math.nan, "infinity": math.inf})  # fmt: skip
+@PART.case(
+    why="one value of millions that is not finite spoils every frame",
+    done="refused with the tensor's name",
+    each={"NaN": math.nan, "infinity": math.inf},
+)
 def a_value_that_is_not_finite(value: float) -> float:
     def write(path: Path) -> None:
         tensors, information = make_model(20)
@@ -63,8 +74,11 @@ def a_value_that_is_not_finite(value: float) -> float:
     return refused_by_both(write, "head_feature.output.weight")
 
 
-@PART.case(why="a header that promises terabytes, nests without end or repeats itself", done="refused before memory is asked for",
-           each={"terabytes": 0, "nesting": 1, "a length beyond the file": 2, "no JSON": 3})  # fmt: skip
+@PART.case(
+    why="a header that promises terabytes, nests without end or repeats itself",
+    done="refused before memory is asked for",
+    each={"terabytes": 0, "nesting": 1, "a length beyond the file": 2, "no JSON": 3},
+)
 def headers_that_lie(kind: int) -> float:
     def write(path: Path) -> None:
         header, data = header_and_data(*make_model(4))

@@ -138,8 +138,11 @@ def exponential_in_float32(size: float) -> float:
     return float((rotation @ rotation.T - torch.eye(3).double()).abs().max())
 
 
-@PART.case(why="its gradient divides by the angle", done="the square root is not touched where the series holds",
-           each={f"{size:g} rad": size for size in (0.0, 1e-30, 1e-3)})  # fmt: skip
+@PART.case(
+    why="its gradient divides by the angle",
+    done="the square root is not touched where the series holds",
+    each={f"{size:g} rad": size for size in (0.0, 1e-30, 1e-3)},
+)
 def gradient_of_the_exponential(size: float) -> float:
     twist = torch.tensor([size, 0, 0, 1.0, 2.0, 3.0], requires_grad=True)
     exponential(twist).sum().backward()

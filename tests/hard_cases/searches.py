@@ -76,9 +76,14 @@ def splats() -> Any:
     place = st.tuples(sizes(-6, 6), sizes(-6, 6), sizes(-4, 6).map(abs))
     quaternion = st.tuples(sizes(-20, 20), sizes(-20, 20), sizes(-20, 20), sizes(-20, 20))
     return st.builds(
-        Splat, place, st.tuples(scale, scale, scale), quaternion, st.floats(0, 1, width=32),
-        st.sampled_from([0.01, 8.0, 32.0, 1e3, 1e5]), st.booleans(),
-    )  # fmt: skip
+        Splat,
+        place,
+        st.tuples(scale, scale, scale),
+        quaternion,
+        st.floats(0, 1, width=32),
+        st.sampled_from([0.01, 8.0, 32.0, 1e3, 1e5]),
+        st.booleans(),
+    )
 
 
 def splat_error(x: Splat) -> float:
@@ -173,9 +178,12 @@ def nets() -> Any:
 
 def net_error(x: Net) -> float:
     inputs = [
-        torch.tensor(x.x).view(2, 2), torch.tensor(x.w1).view(3, 3), torch.tensor(x.b1), torch.tensor(x.w2).view(2, 3),
+        torch.tensor(x.x).view(2, 2),
+        torch.tensor(x.w1).view(3, 3),
+        torch.tensor(x.b1),
+        torch.tensor(x.w2).view(2, 3),
         torch.zeros(2),
-    ]  # fmt: skip
+    ]
     inputs = [v.requires_grad_() for v in inputs]
     t = float(np.float32(x.t))
     hidden = torch.tensor(x.w1).double().view(3, 3).abs() @ torch.tensor([*np.abs(np.reshape(x.x, (2, 2))).max(0), t])
@@ -397,9 +405,12 @@ class Follower:
 
 def followers() -> Any:
     return st.builds(
-        Follower, sizes(-30, 3).map(abs), sizes(-30, 2).map(abs),
-        sizes(-3, 2).map(lambda v: max(abs(v), 1e-3)), st.sampled_from([0.02, 0.1, 0.5, 1.0]),
-    )  # fmt: skip
+        Follower,
+        sizes(-30, 3).map(abs),
+        sizes(-30, 2).map(abs),
+        sizes(-3, 2).map(lambda v: max(abs(v), 1e-3)),
+        st.sampled_from([0.02, 0.1, 0.5, 1.0]),
+    )
 
 
 def follower_error(x: Follower) -> float:

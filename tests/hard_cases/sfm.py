@@ -24,8 +24,12 @@ Array = NDArray[np.float64]
 POINTS = np.random.default_rng(0).normal(size=(30, 3))
 
 
-@PART.case(why="a world 1e7 m away, a millionth or a million times as large", done="fitted about the means, in float64",
-           bound=1e-6, each={f"scale {s:g}, {d:g} m away": (s, d) for s in (1e-6, 1.0, 1e6) for d in (0.0, 1e7)})  # fmt: skip
+@PART.case(
+    why="a world 1e7 m away, a millionth or a million times as large",
+    done="fitted about the means, in float64",
+    bound=1e-6,
+    each={f"scale {s:g}, {d:g} m away": (s, d) for s in (1e-6, 1.0, 1e6) for d in (0.0, 1e7)},
+)
 def similarity_of(given: tuple[float, float]) -> float:
     """Of the points, relative to their extent and what float64 keeps of their distance."""
     scale, away = given
@@ -43,8 +47,12 @@ DEGENERATE = {
 }
 
 
-@PART.case(why="a hover has no baseline, a straight flight a free roll; a mirror is no rotation",
-           done="a rotation in every case; finite", bound=1e-9, each=DEGENERATE)  # fmt: skip
+@PART.case(
+    why="a hover has no baseline, a straight flight a free roll; a mirror is no rotation",
+    done="a rotation in every case; finite",
+    bound=1e-9,
+    each=DEGENERATE,
+)
 def similarity_of_points(points: Array) -> float:
     found = umeyama(points, points * [1, 1, -1] if points is POINTS else points)
     if not (np.isfinite(found.rotation).all() and math.isfinite(found.scale)):
@@ -54,8 +62,12 @@ def similarity_of_points(points: Array) -> float:
     )
 
 
-@PART.case(why="angles of a millionth of a degree: the cosine has no digits for them",
-           done="by the antisymmetric part", bound=1e-3, each={f"{a:g} degrees": a for a in (1e-6, 1e-3, 1.0)})  # fmt: skip
+@PART.case(
+    why="angles of a millionth of a degree: the cosine has no digits for them",
+    done="by the antisymmetric part",
+    bound=1e-3,
+    each={f"{a:g} degrees": a for a in (1e-6, 1e-3, 1.0)},
+)
 def rotation_error_of(angle: float) -> float:
     truth = np.array(aerial.arc(12))
     found = truth.copy()
@@ -83,8 +95,12 @@ PLACES = {
 }
 
 
-@PART.case(why="at the poles a longitude means nothing; the date line jumps by 360 degrees",
-           done="through geocentric metres; against a metre north of there", bound=1e-3, each=PLACES)  # fmt: skip
+@PART.case(
+    why="at the poles a longitude means nothing; the date line jumps by 360 degrees",
+    done="through geocentric metres; against a metre north of there",
+    bound=1e-3,
+    each=PLACES,
+)
 def metres_from(origin: Position) -> float:
     """A step of 1e-5 degrees south is 1.1 m, wherever; across the date line it is as long."""
     south = Position(origin.latitude_deg - 1e-5, -origin.longitude_deg, origin.altitude_m)
@@ -98,9 +114,16 @@ def metres_from(origin: Position) -> float:
 SUBTITLES = "1\n00:00:00,000 --> 00:00:01,000\n{}\n"
 
 
-@PART.case(why="a drone without a fix writes zeros, or numbers that no place has", done="no position rather than a wrong one",
-           each={"zeros": "[latitude: 0.0] [longitude: 0.0]", "beyond the pole": "[latitude: 91.0] [longitude: 5.0]",
-                 "nothing": "", "half": "[latitude: 48.0]"})  # fmt: skip
+@PART.case(
+    why="a drone without a fix writes zeros, or numbers that no place has",
+    done="no position rather than a wrong one",
+    each={
+        "zeros": "[latitude: 0.0] [longitude: 0.0]",
+        "beyond the pole": "[latitude: 91.0] [longitude: 5.0]",
+        "nothing": "",
+        "half": "[latitude: 48.0]",
+    },
+)
 def subtitles_without_a_fix(text: str) -> float:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.SRT"
@@ -108,18 +131,35 @@ def subtitles_without_a_fix(text: str) -> float:
         return 0.0 if read_subtitles(path) is None else math.inf
 
 
-@PART.case(why="a pose that is nearly one: a mirror, a zero, a scale, NaN", done="refused in one sentence", each={
-    "a mirror": np.diag([1.0, 1, -1, 1]), "zero": np.zeros((4, 4)), "a scale": np.diag([2.0, 2, 2, 1]),
-    "1e200": np.eye(4) * 1e200, "NaN": np.full((4, 4), np.nan), "a last row": np.eye(4) + np.eye(4)[[3, 2, 1, 0]] * 1e-3,
-})  # fmt: skip
+@PART.case(
+    why="a pose that is nearly one: a mirror, a zero, a scale, NaN",
+    done="refused in one sentence",
+    each={
+        "a mirror": np.diag([1.0, 1, -1, 1]),
+        "zero": np.zeros((4, 4)),
+        "a scale": np.diag([2.0, 2, 2, 1]),
+        "1e200": np.eye(4) * 1e200,
+        "NaN": np.full((4, 4), np.nan),
+        "a last row": np.eye(4) + np.eye(4)[[3, 2, 1, 0]] * 1e-3,
+    },
+)
 def poses_that_are_none(matrix: Array) -> float:
     assert not is_rigid(matrix, 1e-4)
     return refusal(InputError, lambda: pose_of(matrix.tolist(), "frame", Path("capture.json")), "capture.json")
 
 
-@PART.case(why="numbers that JSON can hold", done="refused with the file and the key", each={
-    "10^400": 10**400, "NaN": math.nan, "1e999": math.inf, "true": True, "a text": "5", "nothing": None,
-})  # fmt: skip
+@PART.case(
+    why="numbers that JSON can hold",
+    done="refused with the file and the key",
+    each={
+        "10^400": 10**400,
+        "NaN": math.nan,
+        "1e999": math.inf,
+        "true": True,
+        "a text": "5",
+        "nothing": None,
+    },
+)
 def numbers_that_are_none(value: object) -> float:
     path = Path("capture.json")
     return max(

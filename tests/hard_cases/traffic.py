@@ -16,9 +16,11 @@ from tests.hard_cases.errors import refusal
 PART = Part("traffic")
 
 
-@PART.case(why="a gap of zero divides; a slow wish at high speed overflows its fourth power",
-           done="a smallest gap, a capped ratio, and brakes and engine as bounds",
-           each={f"cruise {v:g} m/s": v for v in (1e-300, 0.5, 60.0, 1e300)})  # fmt: skip
+@PART.case(
+    why="a gap of zero divides; a slow wish at high speed overflows its fourth power",
+    done="a smallest gap, a capped ratio, and brakes and engine as bounds",
+    each={f"cruise {v:g} m/s": v for v in (1e-300, 0.5, 60.0, 1e300)},
+)
 def accelerations_stay_within_brakes_and_engine(cruise: float) -> float:
     grid = np.meshgrid([0.0, 1e-300, 5.0, 40.0, 1e100], [-3.0, 0.0, 1e-300, 2.0, np.inf], [-1e100, 0.0, 1e100])
     speed, gap, closing = (a.ravel() for a in grid)
@@ -42,10 +44,17 @@ def standing_leader(step_s: float, speed_mps: float, gap_m: float) -> float:
     return worst if speed[0] < 0.5 else math.inf
 
 
-@PART.case(why="at coarse steps a follower passes through the vehicle ahead",
-           done="a step never ends inside the leader, who is taken to brake as hard as it can", bound=1e-6,
-           each={f"step {s:g} s, {v:g} m/s, gap {g:g} m": (s, v, g)
-                 for s in (0.02, 1.0) for v in (0.0, 40.0) for g in (0.0, 0.5, 120.0)})  # fmt: skip
+@PART.case(
+    why="at coarse steps a follower passes through the vehicle ahead",
+    done="a step never ends inside the leader, who is taken to brake as hard as it can",
+    bound=1e-6,
+    each={
+        f"step {s:g} s, {v:g} m/s, gap {g:g} m": (s, v, g)
+        for s in (0.02, 1.0)
+        for v in (0.0, 40.0)
+        for g in (0.0, 0.5, 120.0)
+    },
+)
 def a_standing_vehicle_ahead(given: tuple[float, float, float]) -> float:
     return standing_leader(*given)
 
@@ -64,15 +73,25 @@ def braking_within_a_long_step() -> float:
 
 
 SCENE: dict[str, object] = {
-    "name": "x", "time": {"fps": 10, "frames": 3}, "camera": {"width_px": 64, "height_px": 48, "fov_deg": 60},
-    "flight": {"kind": "hover", "position_m": [0, 0, 30], "pitch_deg": -90}, "street": {"kind": "straight"},
-}  # fmt: skip
+    "name": "x",
+    "time": {"fps": 10, "frames": 3},
+    "camera": {"width_px": 64, "height_px": 48, "fov_deg": 60},
+    "flight": {"kind": "hover", "position_m": [0, 0, 30], "pitch_deg": -90},
+    "street": {"kind": "straight"},
+}
 
 
-@PART.case(why="numbers that TOML can hold and no scene can have",
-           done="refused with the file, the key and what is allowed",
-           each={"frames = 10^400": ("frames", 10**400), "fps = nan": ("fps", math.nan), "fps = inf": ("fps", math.inf),
-                 "frames = true": ("frames", True), "fps = 1e-300": ("fps", 1e-300)})  # fmt: skip
+@PART.case(
+    why="numbers that TOML can hold and no scene can have",
+    done="refused with the file, the key and what is allowed",
+    each={
+        "frames = 10^400": ("frames", 10**400),
+        "fps = nan": ("fps", math.nan),
+        "fps = inf": ("fps", math.inf),
+        "frames = true": ("frames", True),
+        "fps = 1e-300": ("fps", 1e-300),
+    },
+)
 def impossible_numbers_of_a_scene(change: tuple[str, object]) -> float:
     key, value = change
     table = SCENE | {"time": {"fps": 10, "frames": 3} | {key: value}}

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from aa4d.motion.spline import controls_for, design, weights_at
+from aa4d.motion.spline import controls_for, design
 
 
 @pytest.mark.parametrize("controls", [4, 5, 11])
@@ -14,14 +14,6 @@ def test_the_spline_is_scipys_uniform_cubic_b_spline(controls: int, derivative: 
     t = np.linspace(0, 1, 41)[:-1]
     expected = BSpline(knots, control, 3)(t, derivative)
     np.testing.assert_allclose(design(t, controls, derivative) @ control, expected, atol=1e-9 * controls**derivative)
-
-
-def test_weights_sum_to_one_and_stay_in_reach_outside_of_the_clip() -> None:
-    for t in (-3.0, 0.0, 0.3, 1.0, 17.0):
-        first, weights = weights_at(t, 9)
-        assert 0 <= first <= 9 - 4
-        assert weights.sum() == pytest.approx(1)
-        assert (weights >= 0).all()
 
 
 def test_a_straight_line_of_control_points_is_a_straight_line() -> None:

@@ -21,4 +21,4 @@ class Finder:
         return spec_from_file_location(name, os.environ["AA4D_NATIVE"]) if name == "aa4d._native" else None
 
 
-sys.meta_path.insert(0, Finder)  # type: ignore[arg-type]
+sys.meta_path.insert(0, Finder)

@@ -97,6 +97,14 @@ def test_values_without_a_range_must_be_finite_too(table: dict[str, Any], value:
     assert "signal.east_west_green_s" in refusal(table)
 
 
+@pytest.mark.parametrize("text", ["a = " + "[" * 5000, f"a = {'9' * 5000}"])
+def test_nesting_and_numbers_without_end_are_no_scene(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"scene\.toml: not valid TOML"):
+        read_scene(path)
+
+
 def test_a_byte_order_mark_is_no_part_of_the_scene(tiny_scene: Path, tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_bytes(b"\xef\xbb\xbf" + tiny_scene.read_bytes())

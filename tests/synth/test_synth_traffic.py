@@ -133,15 +133,6 @@ def test_state_between_steps_is_continuous() -> None:
         np.testing.assert_allclose(before, after, atol=1e-6)
 
 
-def test_idm_survives_zero_gap_and_high_closing_speed() -> None:
-    speed, gap = np.array([0.0, 10.0, 40.0]), np.array([0.0, 0.0, 5.0])
-    acceleration = idm_acceleration(speed, np.full(3, 15.0), gap, speed, Traffic())
-    assert np.isfinite(acceleration).all()
-    position, after = ballistic(np.zeros(3), speed, acceleration, 1.0)
-    assert (after >= 0).all()
-    assert (position >= 0).all()
-
-
 def test_empty_traffic(scene: Scene) -> None:
     empty = replace(scene, vehicles=(), traffic=Traffic(parked_share=0.0))
     fleet = make_fleet(empty, 4.0)
@@ -165,34 +156,6 @@ def test_parked_vehicles_do_not_depend_on_the_driven_ones(scene: Scene) -> None:
 
 
 # Hard cases of car following.
-
-
-def test_idm_never_gives_nan_or_more_than_brakes_and_engine_can() -> None:
-    speed, gap, closing = (a.ravel() for a in np.meshgrid([0.0, 1e-9, 5.0, 40.0], [-3.0, 0.0, 1e-12, 2.0, np.inf],
-                                                          [-40.0, 0.0, 40.0]))  # fmt: skip
-    for cruise in (0.5, 60.0):
-        acceleration = idm_acceleration(speed, np.full(speed.shape, cruise), gap, closing, Traffic())
-        assert np.isfinite(acceleration).all()
-        assert acceleration.min() >= -9.0
-        assert acceleration.max() <= 2.0
-
-
-@pytest.mark.parametrize("step_s", [0.02, 0.1, 1.0])
-@pytest.mark.parametrize("closing_mps", [0.0, 10.0, 40.0])
-@pytest.mark.parametrize("gap_m", [0.0, 0.5, 30.0, 120.0])
-def test_a_follower_never_passes_through_a_standing_vehicle(step_s: float, closing_mps: float, gap_m: float) -> None:
-    """Two cars on one lane, the one ahead at a standstill: at any step, gap and speed."""
-    position, speed = np.array([0.0]), np.array([closing_mps])
-    traffic, still = Traffic(step_s=step_s), np.zeros(1)
-    for _ in range(int(20 / step_s)):
-        gap = gap_m - position
-        acceleration = idm_acceleration(speed, np.array([20.0]), gap, speed, traffic)
-        acceleration = within_gap(acceleration, speed, gap, still, step_s)
-        position, speed = ballistic(position, speed, acceleration, step_s)
-        assert np.isfinite(position).all()
-        assert speed[0] >= 0
-        assert position[0] <= gap_m + 1e-6
-    assert speed[0] < 0.5
 
 
 def test_within_gap_changes_nothing_at_fine_steps() -> None:

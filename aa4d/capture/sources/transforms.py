@@ -71,7 +71,7 @@ def read_transforms(path: Path) -> Transforms:
                     raise ValueError(f"time is {times[name]}")
         except KeyError as error:
             raise InputError(f"{path}: key {error} is missing, for frame {number - 1}; export it again") from None
-        except (TypeError, ValueError, OverflowError) as error:
+        except (TypeError, ValueError, OverflowError, OSError) as error:  # OSError: a name that no file can have
             raise InputError(f"{path}: frame {number - 1} cannot be understood ({error}); export it again") from None
         if not is_rigid(matrix, 1e-3):
             raise InputError(f"{path}: transform_matrix of {name} is not a rotation and a translation")
