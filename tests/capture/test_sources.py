@@ -519,6 +519,15 @@ def test_a_damaged_colmap_model_is_refused(tmp_path: Path) -> None:
         open_source(source, Selection(), None)
 
 
+def test_an_empty_file_of_a_colmap_model_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    (tmp_path / "sparse/0").mkdir(parents=True)
+    for name in ("cameras.bin", "images.bin", "points3D.bin"):
+        (tmp_path / "sparse/0" / name).touch()
+    photograph(tmp_path / "1.jpg", None)
+    with pytest.raises(InputError, match=r"sparse/0: cameras\.bin is empty; export it again"):
+        open_source(tmp_path, Selection(), None)
+
+
 def edited(folder: Path, file: str, old: str, new: str) -> None:
     """The first match of `old` in a text file of a COLMAP model, replaced."""
     path = folder / "sparse/0" / file

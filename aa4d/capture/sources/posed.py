@@ -217,6 +217,8 @@ def _read_colmap(model_folder: Path) -> Any:
     missing = _missing(model_folder)
     if missing:
         raise InputError(f"{model_folder}: a COLMAP model without {missing[0]}; export it again")
+    if empty := [p.name for p in sorted(model_folder.glob("*.bin")) if p.stat().st_size == 0]:
+        raise InputError(f"{model_folder}: {empty[0]} is empty; export it again")  # COLMAP would read it for ever
     try:
         model = pycolmap.Reconstruction(model_folder)
     except Exception as error:  # COLMAP's own checks raise RuntimeError, ValueError and others
