@@ -8,6 +8,9 @@ NATIVE := $(shell find aa4d/_native -type f 2>/dev/null)
 
 # Of the cases in tests/hard_cases, those that run native code.
 NATIVE_CASES := raster or plane_lookup or acfa or dlgd or anchors or losses
+SANITIZED = LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so.6)" \
+	ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc OMP_NUM_THREADS=1 \
+	PYTHONPATH=tests/sanitizers AA4D_NATIVE=$$(echo $(abspath build/sanitize)/_native*.so)
 
 .PHONY: help demo test test-slow lint extension bench-addon stress sanitize sanitize-threads fuzz clean
 
@@ -66,11 +69,8 @@ sanitize: $(VENV)/installed
 	$(BIN)/cmake -S aa4d/_native -B build/sanitize -DPython_EXECUTABLE=$(abspath $(BIN)/python) \
 		-DAA4D_SANITIZE=address,undefined,float-cast-overflow
 	$(BIN)/cmake --build build/sanitize --parallel $(JOBS)
-	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so.6)" \
-		ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc OMP_NUM_THREADS=1 \
-		PYTHONPATH=tests/sanitizers AA4D_NATIVE=$$(echo $(abspath build/sanitize)/_native*.so) \
-		$(BIN)/python -m pytest -m "not slow" -k "kernels or raster or $(NATIVE_CASES)" \
-		tests/kernels tests/raster tests/hard_cases
+	$(SANITIZED) $(BIN)/python -m pytest tests/kernels tests/raster
+	$(SANITIZED) $(BIN)/python -m pytest -m "not slow" -k "$(NATIVE_CASES)" tests/hard_cases
 
 # ThreadSanitizer of some gcc versions does not start where addresses are randomized widely: setarch turns that off.
 sanitize-threads:

@@ -184,6 +184,8 @@ def list_of(document: dict[str, Any], key: str, index: Path) -> list[Any]:
 
 def number_of(document: dict[str, Any], key: str, index: Path, label: str = "") -> float:
     """A finite number; `index` is the file to name where it is refused."""
+    if not isinstance(document, dict):
+        raise InputError(f'{index}: {label or "the document"} is no object, but should hold the key "{key}"')
     value = document.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         where = f" of {label}" if label else ""

@@ -186,12 +186,12 @@ def net_error(x: Net) -> float:
     ]
     inputs = [v.requires_grad_() for v in inputs]
     t = float(np.float32(x.t))
-    hidden = torch.tensor(x.w1).double().view(3, 3).abs() @ torch.tensor([*np.abs(np.reshape(x.x, (2, 2))).max(0), t])
-    near = torch.nn.functional.linear(
-        torch.cat([inputs[0], torch.full((2, 1), t)], 1).double(), inputs[1].double(), inputs[2].double()
-    ).detach()
-    # At a ReLU's kink float32 and float64 may rightly disagree.
-    assume(bool(((near == 0) | (near.abs() > 1e-5 * (hidden + inputs[2].double().abs()))).all()))
+    with_time = torch.cat([inputs[0], torch.full((2, 1), t)], 1).double().detach()
+    w1, b1 = inputs[1].detach().double(), inputs[2].detach().double()
+    hidden = torch.nn.functional.linear(with_time, w1, b1)
+    magnitude = torch.nn.functional.linear(with_time.abs(), w1.abs(), b1.abs())  # of what is added up
+    # At a ReLU's kink float32 and float64 may rightly disagree, unless nothing is added up at all.
+    assume(bool(((magnitude == 0) | (hidden.abs() > 1e-5 * magnitude)).all()))
     found = values_and_gradients(lambda v: two_layer(v[0], [tuple(v[1:])], t), inputs)  # type: ignore[list-item]
     double = [v.detach().double().requires_grad_() for v in inputs]
     truths = values_and_gradients(lambda v: _two_layer(v[0], [tuple(v[1:])], t), double)  # type: ignore[list-item]
