@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import pycolmap
 
+from aa4d.capture.colmap_files import damaged
 from aa4d.interrupts import stop_requests
 
 T = TypeVar("T")
@@ -82,30 +83,20 @@ def check_space(folder: Path, least: int) -> None:
 
 
 def write_model(model: Any, folder: Path) -> None:
-    """Write a reconstruction, and look at the sizes of its files: COLMAP does not say when it could not write them.
-
-    They are not read again: from a file that was cut short COLMAP may read for ever.
+    """Write a reconstruction, and look at its files: COLMAP does not say when it could not write them.
 
     Raises:
         OSError: what stands there is not what was written.
     """
     folder.mkdir(exist_ok=True)
     model.write(folder)
-    images = [model.image(number) for number in model.reg_image_ids()]
-    least = {
-        "cameras": 8 + sum(24 + 8 * len(camera.params) for camera in model.cameras.values()),
-        "images": 8 + sum(73 + len(image.name.encode()) + 24 * len(image.points2D) for image in images),
-        "points3D": 8 + sum(51 + 8 * point.track.length() for point in model.points3D.values()),
-    }
-    for name, size in least.items():
-        path = folder / f"{name}.bin"
-        if not path.is_file() or path.stat().st_size < size:
-            raise OSError(errno.ENOSPC, f"COLMAP could not write its model: {path.name} is cut short")
+    if not is_whole_model(folder):
+        raise OSError(errno.ENOSPC, "COLMAP could not write its model")
 
 
 def is_whole_model(folder: Path) -> bool:
-    """False where a file of a stored reconstruction is missing or empty, as a full disk leaves it."""
-    return all((path := folder / f"{name}.bin").is_file() and path.stat().st_size for name in MODEL_FILES)
+    """False where a file of a stored reconstruction is missing or cut short, as a full disk leaves it."""
+    return all((folder / f"{name}.bin").is_file() for name in MODEL_FILES) and damaged(folder) is None
 
 
 def in_blocks(items: list[U], size: int) -> Iterator[tuple[int, list[U]]]:

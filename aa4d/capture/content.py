@@ -82,8 +82,9 @@ def check_content(folder: Path) -> None:
         path = folder / name
         is_needed = PurePosixPath(name).parts[0] in READ_HERE
         if (is_needed or path.exists()) and (not path.is_file() or digest_of_file(path) != expected):
-            state = "was changed since the capture was made" if path.is_file() else "is missing"
+            if not path.is_file():
+                raise InputError(f"{path}: is missing; make the capture again, or copy the file to its place")
             raise InputError(
-                f"{path}: {state}; make the capture again, or delete {folder / CHECKSUMS} to use it as it is now, as "
-                "another capture"
+                f"{path}: was changed since the capture was made; make the capture again, or delete "
+                f"{folder / CHECKSUMS} to use it as it is now, as another capture"
             )

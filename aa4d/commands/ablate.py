@@ -20,7 +20,7 @@ def ablate(
     captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
     experiment: Options,
 ) -> None:
-    """Train and score the variants of a table: the paper's ablations, motion, or methods. Stopped, it continues."""
+    """Train and score the variants of a table: the paper's ablations, or motion. Stopped, it continues."""
     from aa4d.experiments.command import run
     from aa4d.experiments.variants import ABLATIONS
 

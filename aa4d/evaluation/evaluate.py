@@ -132,7 +132,7 @@ def evaluate(
         device: where the model is rendered; images are compared on the CPU.
 
     Raises:
-        InputError: no model, no capture, a capture without held-out frames, or no such device.
+        InputError: no model, no capture, a capture without held-out frames, tracks of another run, or no such device.
     """
     chosen = choose_device(device)
     loaded = load_model(run / "model.safetensors", chosen)
@@ -141,6 +141,7 @@ def evaluate(
     held_out = capture.of_split("test")
     if not held_out:
         raise InputError(f'{capture.folder}: has no held-out frame (split "test"), so there is nothing to evaluate on')
+    track_scores = _track_scores(run, loaded, capture)
     perceptual = perceptual or obtain(None)
     perceptual = perceptual.for_size(capture.camera.width, capture.camera.height)
     training = _spread(capture.of_split("train"), TRAINING_FRAMES)
@@ -192,7 +193,7 @@ def evaluate(
         psnr_activity=_capped_all(by_class.psnr()),
         psnr_activity_static=_capped_all(by_class_static.psnr()),
         activity_share=by_class.share(),
-        **_track_scores(run, capture),
+        **track_scores,
         motion=motion.scores,
         psnr_training=statistics.fmean(s.psnr for s in training_scores),
         fps=speed.fps,
@@ -224,11 +225,22 @@ def evaluation_identity(loaded: LoadedModel, capture: Capture, networks: list[Ne
     return Identity("evaluation", digest_of(settings), made_from)
 
 
-def _track_scores(run: Path, capture: Capture) -> dict[str, Any]:
-    path = tracks_path(run)
+def _track_scores(run: Path, loaded: LoadedModel, capture: Capture) -> dict[str, Any]:
+    """Raises InputError where the run's tracks are damaged, or are those of another run."""
+    path, groups = tracks_path(run), loaded.model.groups
     if capture.tracks is None or not path.exists():
         return {"track_recall": None, "tracks_false": None, "vehicles_missed": None}
-    score = score_tracks(load_tracks(path), capture)
+    try:
+        tracks = load_tracks(path)
+    except InputError:
+        raise InputError(f"{path}: cannot be read as tracks; delete it to be scored without them") from None
+    shown = np.zeros((0, 4)) if groups is None else groups.shown.numpy(force=True)
+    if len(tracks) != len(shown) or not np.array_equal(tracks.shown.astype(np.float32), shown.astype(np.float32)):
+        raise InputError(
+            f"{path}: is of another run than the model beside it; put the run's own back, or delete it to be scored "
+            "without tracks"
+        )
+    score = score_tracks(tracks, capture)
     return {
         "track_recall": score.recall,
         "tracks_false": len(score.false),

@@ -55,6 +55,7 @@ class Movers:
     def look(self, model: SceneModel, stage: str, say: Callable[[str], None]) -> float:
         """Find them against the static scene, the second time with what the first look found; returns its seconds."""
         started = time.perf_counter()
+        say(f"looking for movers in {len(self._frames.views)} frames")
         self.tracks = find(self.settings.tracks, self._frames.capture, *static_views(model, self._frames), self.tracks)
         seconds = time.perf_counter() - started
         say(f"tracks of movers after the {stage} stage: {len(self.tracks)}, in {seconds:.0f} s")

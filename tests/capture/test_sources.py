@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 import pytest
 from PIL import Image
 
 from aa4d.capture.annotations import Annotations, read_annotations
 from aa4d.capture.clip import Clip, ClipFrame
+from aa4d.capture.colmap_files import damaged
 from aa4d.capture.intrinsics import check_intrinsics
 from aa4d.capture.make import make_capture
 from aa4d.capture.movers import box_mask, write_masks
@@ -519,12 +521,30 @@ def test_a_damaged_colmap_model_is_refused(tmp_path: Path) -> None:
         open_source(source, Selection(), None)
 
 
+def test_a_colmap_model_cut_short_anywhere_is_told_before_colmap_reads_it(tmp_path: Path) -> None:
+    """COLMAP would take the bytes that are not there for counts."""
+    model = pycolmap.synthesize_dataset(
+        pycolmap.SyntheticDatasetOptions(num_rigs=1, num_cameras_per_rig=2, num_frames_per_rig=3, num_points3D=20)
+    )
+    model.write(tmp_path)
+    assert damaged(tmp_path) is None
+    for path in sorted(tmp_path.glob("*.bin")):
+        whole = path.read_bytes()
+        for left in {0, 4, *range(8, len(whole), max(len(whole) // 23, 1)), len(whole) - 1}:
+            path.write_bytes(whole[:left])
+            assert damaged(tmp_path) == path.name, left
+        path.write_bytes(whole)
+    cameras = tmp_path / "cameras.bin"
+    cameras.write_bytes(cameras.read_bytes().replace(b"\x00" * 4, b"\xff" * 4, 1))  # more than there can be
+    assert damaged(tmp_path) == "cameras.bin"
+
+
 def test_an_empty_file_of_a_colmap_model_is_refused_before_it_is_read(tmp_path: Path) -> None:
     (tmp_path / "sparse/0").mkdir(parents=True)
     for name in ("cameras.bin", "images.bin", "points3D.bin"):
         (tmp_path / "sparse/0" / name).touch()
     photograph(tmp_path / "1.jpg", None)
-    with pytest.raises(InputError, match=r"sparse/0: cameras\.bin is empty; export it again"):
+    with pytest.raises(InputError, match=r"sparse/0: cameras\.bin is cut short or damaged; export it again"):
         open_source(tmp_path, Selection(), None)
 
 

@@ -16,6 +16,8 @@ from aa4d.evaluation.activity import PooledError, activity_labels
 from aa4d.evaluation.evaluate import Metrics, evaluate
 from aa4d.evaluation.image_metrics import psnr
 from aa4d.methods.model_file import read_tensors
+from aa4d.motion.tracks import Tracks
+from aa4d.motion.tracks_file import save_tracks
 from aa4d.training.trainer import train
 from tests.toy_capture import HEIGHT, WIDTH
 from tests.toy_run import BRIEF, silent
@@ -161,3 +163,18 @@ def test_a_class_that_is_exact_is_infinite_and_an_absent_one_is_left_out() -> No
     pooled.add(image, image, np.array([[0, 0], [4, 4]], np.uint8))
     assert pooled.psnr() == {"static": float("inf"), "unseen": float("inf")}
     assert pooled.share() == {"static": 0.5, "unseen": 0.5}
+
+
+def test_tracks_that_are_not_the_runs_own_are_refused_before_anything_is_rendered(trained: tuple[Path, Path]) -> None:
+    capture, run = trained
+    shown, there = np.array([[0.0, 0.1, 0.9, 1.0]]), np.zeros((9, HEIGHT, WIDTH), np.uint16)
+    other = Tracks(("mover 1",), np.zeros((1, 6, 4)), shown, np.array([0.0, 0, 1]), there, there > 0)
+    save_tracks(run / "tracks.npz", other)
+    with pytest.raises(InputError, match=r"tracks\.npz: is of another run than the model beside it; put the run's own"):
+        evaluate(run, capture, silent)
+    (run / "tracks.npz").write_bytes((run / "tracks.npz").read_bytes()[:200])
+    with pytest.raises(InputError, match=r"tracks\.npz: cannot be read as tracks; delete it to be scored without"):
+        evaluate(run, capture, silent)
+    assert not (run / "eval").exists()
+    (run / "tracks.npz").unlink()
+    assert evaluate(run, capture, silent).track_recall is None

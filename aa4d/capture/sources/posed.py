@@ -13,6 +13,7 @@ import pycolmap
 
 from aa4d.capture.annotations import read_annotations
 from aa4d.capture.clip import Clip
+from aa4d.capture.colmap_files import damaged
 from aa4d.capture.intrinsics import check_intrinsics
 from aa4d.capture.schema import frame_of_index
 from aa4d.capture.settings import Selection
@@ -217,8 +218,8 @@ def _read_colmap(model_folder: Path) -> Any:
     missing = _missing(model_folder)
     if missing:
         raise InputError(f"{model_folder}: a COLMAP model without {missing[0]}; export it again")
-    if empty := [p.name for p in sorted(model_folder.glob("*.bin")) if p.stat().st_size == 0]:
-        raise InputError(f"{model_folder}: {empty[0]} is empty; export it again")  # COLMAP would read it for ever
+    if (name := damaged(model_folder)) is not None:
+        raise InputError(f"{model_folder}: {name} is cut short or damaged; export it again")
     try:
         model = pycolmap.Reconstruction(model_folder)
     except Exception as error:  # COLMAP's own checks raise RuntimeError, ValueError and others
