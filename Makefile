@@ -39,7 +39,7 @@ demo: $(VENV)/installed
 
 test: lint
 	@echo "== tests"
-	$(BIN)/python -m pytest -m "not slow" --numprocesses $(JOBS) --dist loadfile
+	$(BIN)/python -m pytest -m "not slow" --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0
 
 test-slow: $(VENV)/installed
 	$(BIN)/python -m pytest -m slow
