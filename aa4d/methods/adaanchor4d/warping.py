@@ -48,7 +48,8 @@ def density_adaptive_boundaries(
         raise ValueError(f"expected 0 <= lambda_min <= lambda_max <= 1, got {lambda_min} and {lambda_max}")
     bin_of = ((u.double().clamp(-1, 1) + 1) * (bins / 2)).long().clamp(max=bins - 1)
     # Counted, not one-hot: a row of bins for each anchor would be gigabytes for a million of them.
-    counts = torch.stack([torch.bincount(axis, minlength=bins) for axis in bin_of.T]).double()
+    ones = u.new_ones(bin_of.T.shape, dtype=torch.float64)
+    counts = ones.new_zeros(len(ones), bins).scatter_add_(1, bin_of.T, ones)
     histogram = counts if len(u) else torch.ones_like(counts)
     mass = _smooth(histogram, smoothing)
     mass = mass / mass.sum(1, keepdim=True)
