@@ -7,7 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from aa4d.anchors.canonical import AnchorRows, Anchors, spacing, voxel_centres
 from aa4d.anchors.decoding import AnchorState, Decoder
@@ -41,6 +41,17 @@ class AnchorModel(SceneModel):
     def unit_tensors(self) -> tuple[str, ...]:
         owned = (field.name for field in fields(AnchorRows))
         return tuple(f"anchors.{name}" for name in owned if getattr(self.anchors, name) is not None)
+
+    def static_groups(self) -> dict[str, list[nn.Parameter]]:
+        """Parameters, by the names of their rates, of anchors that do not deform, and of their decoder."""
+        return {
+            "offset": [self.anchors.offset],
+            "feature": [self.anchors.feature],
+            "log_scale": [self.anchors.log_scale],
+            "decoder_opacity": list(self.decoder.opacity.parameters()),
+            "decoder_color": list(self.decoder.color.parameters()),
+            "decoder_covariance": list(self.decoder.covariance.parameters()),
+        }
 
     @property
     def group(self) -> Tensor | None:

@@ -45,14 +45,7 @@ class AdaAnchor4D(AnchorModel):
             self.dlgd_scale = ScaleDeformation(c.embedding_dim, c.geometry_hidden)  # Phi_s
 
     def parameter_groups(self, *, canonical: bool) -> dict[str, list[nn.Parameter]]:
-        groups: dict[str, list[nn.Parameter]] = {
-            "offset": [self.anchors.offset],
-            "feature": [self.anchors.feature],
-            "log_scale": [self.anchors.log_scale],
-            "decoder_opacity": list(self.decoder.opacity.parameters()),
-            "decoder_color": list(self.decoder.color.parameters()),
-            "decoder_covariance": list(self.decoder.covariance.parameters()),
-        }
+        groups = self.static_groups()
         if not canonical:
             deforming = [self.aggregation, self.encoder, self.head_feature]
             if self.config.dlgd:

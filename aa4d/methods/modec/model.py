@@ -54,14 +54,7 @@ class Modec(AnchorModel):
         return [deformation.field for deformation in self.deformations()]
 
     def parameter_groups(self, *, canonical: bool) -> dict[str, list[nn.Parameter]]:
-        groups: dict[str, list[nn.Parameter]] = {
-            "offset": [self.anchors.offset],
-            "feature": [self.anchors.feature],
-            "log_scale": [self.anchors.log_scale],
-            "decoder_opacity": list(self.decoder.opacity.parameters()),
-            "decoder_color": list(self.decoder.color.parameters()),
-            "decoder_covariance": list(self.decoder.covariance.parameters()),
-        }
+        groups = self.static_groups()
         if canonical:
             return groups
         if self.anchors.dynamics is not None:

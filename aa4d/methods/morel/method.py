@@ -14,12 +14,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from aa4d.anchors.canonical import Anchors, spacing, voxel_centres
+from aa4d.anchors.canonical import Anchors
 from aa4d.anchors.densification import Statistics, grow, transparent
 from aa4d.errors import InputError
 from aa4d.field.planes import regularisation
 from aa4d.kernels.image_loss import image_loss
 from aa4d.methods.adaanchor4d.growth import edit_of
+from aa4d.methods.anchor_model import initial_places
 from aa4d.methods.contract import Beginning, Method, Stage, UnitEdit
 from aa4d.methods.morel.levels import growth_weight, levels_of
 from aa4d.methods.morel.model import MoRel, Phase, blank_model
@@ -60,20 +61,9 @@ class MoRelMethod(Method[MoRelSettings]):
 
     def initial(self, settings: MoRelSettings, beginning: Beginning) -> MoRel:
         torch.manual_seed(settings.seed)
-        c, voxel = settings.model, settings.voxel_px * beginning.pixel
-        centers = voxel_centres(beginning.points, voxel)
-        log_scale = torch.from_numpy(np.log(spacing(centers, floor=1e-3 * voxel))).float()
-        return MoRel(
-            c,
-            Anchors(
-                torch.from_numpy(centers).float(),
-                log_scale[:, None].repeat(1, 6),
-                c.offsets,
-                c.feature_dim,
-                1,
-                embeddings=(),
-            ),
-        )
+        c = settings.model
+        places = initial_places(beginning, settings.voxel_px * beginning.pixel)
+        return MoRel(c, Anchors(*places, c.offsets, c.feature_dim, 1, embeddings=()))
 
     def blank(self, settings: MoRelSettings, units: int) -> MoRel:
         return blank_model(settings.model, units)
