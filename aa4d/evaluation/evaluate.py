@@ -101,6 +101,7 @@ class Metrics:
     device: str  # "cpu" or "cuda", of fps
     threads: int
     training_seconds: float
+    training_processor_seconds: float | None  # of all threads; None of a run of an older version
     anchors: int  # or free Gaussians: units that grow and go
     gaussians: int  # mean number with a positive opacity over the timed frames
     neural_mib: float  # networks and planes
@@ -205,6 +206,7 @@ def evaluate(
         device=chosen.type,
         threads=torch.get_num_threads(),
         training_seconds=loaded.training_seconds,
+        training_processor_seconds=loaded.training_processor_seconds,
         anchors=len(loaded.model),
         gaussians=speed.gaussians,
         neural_mib=neural_mib(loaded.model),

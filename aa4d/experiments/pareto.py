@@ -9,9 +9,14 @@ from aa4d.experiments.comparison_tables import COST, QUALITY, Comparison, Mean, 
 from aa4d.files import whole_file
 
 UP = tuple(score for score in QUALITY if score.key in ("psnr", "psnr_dynamic"))
-ACROSS = tuple(score for key in ("minutes", "fps", "total_mib") for score in COST if score.key == key)
-LABELS = {"minutes": "training, minutes", "fps": "frames a second", "total_mib": "model file, MiB"}
+ACROSS = tuple(score for key in ("processor_minutes", "fps", "total_mib") for score in COST if score.key == key)
+LABELS = {
+    "processor_minutes": "training, minutes of the processor",
+    "fps": "frames a second",
+    "total_mib": "model file, MiB",
+}
 MARKERS = "oDv^<>sXhd"
+SPAN_DB = 1.0
 
 
 def front(points: list[tuple[float, float]], good: int) -> list[int]:
@@ -41,23 +46,35 @@ def plot_pareto(comparison: Comparison, path: Path) -> None:
 
     means, captures = comparison.pooled(), comparison.captures
     rows = [score for score in UP if any(score.key in mean.spreads for mean in means)]
-    if not rows:
+    across = [cost for cost in ACROSS if any(cost.key in mean.spreads for mean in means)]
+    if not rows or not across:
         return
     figure = Figure(figsize=(11, 3.1 * len(rows) + 0.9), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(len(rows), len(ACROSS), squeeze=False, sharex="col", sharey="row")
+    axes = figure.subplots(len(rows), len(across), squeeze=False, sharex="col", sharey="row")
     for row, quality in enumerate(rows):
-        for column, cost in enumerate(ACROSS):
+        for column, cost in enumerate(across):
             _panel(axes[row, column], comparison, means, quality, cost)
             if row == len(rows) - 1:
                 axes[row, column].set_xlabel(f"{LABELS[cost.key]}  ({'more' if cost.good > 0 else 'less'} is better)")
         axes[row, 0].set_ylabel(f"{quality.title}, dB")
+        _keep_apart(axes[row, 0])
     where = captures[0] if len(captures) == 1 else f"mean over {', '.join(captures)}"
     figure.suptitle(f"Quality against cost: {where}", fontsize=11, x=0.01, ha="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), fontsize=9, frameon=False)
     with whole_file(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)
+
+
+def _keep_apart(axes: object) -> None:
+    """Show at least `SPAN_DB`: what differs by less than runs do is not to look far apart."""
+    from matplotlib.axes import Axes
+
+    assert isinstance(axes, Axes)
+    low, high = axes.get_ylim()
+    more = max(SPAN_DB - (high - low), 0.0) / 2
+    axes.set_ylim(low - more, high + more)
 
 
 def _panel(axes: object, comparison: Comparison, means: list[Mean], quality: Score, cost: Score) -> None:

@@ -58,6 +58,7 @@ class LoadedModel:
     is_static: bool  # of a canonical stage: the same at every time
     background: tuple[float, float, float]
     training_seconds: float
+    training_processor_seconds: float | None  # None in files of older versions
     identity: Identity  # of what the file holds now
     capture_fingerprint: str | None  # of the capture, in files of older versions
     capture_folder: Path | None
@@ -150,7 +151,8 @@ def load_model(path: Path, device: torch.device | None = None) -> LoadedModel:
             frame=_frame(header["model_to_world"]),
             is_static={"coarse": True, "fine": False}[header["stage"]],
             background=_background(header["background"]),
-            training_seconds=_seconds(header["training"], path),
+            training_seconds=_seconds(header["training"], "seconds", path),
+            training_processor_seconds=_processor_seconds(header["training"], path),
             identity=_identity(header, tensors),
             capture_fingerprint=header["training"].get("capture_fingerprint"),
             capture_folder=None if header["capture"] is None else (path.parent / header["capture"]).resolve(),
@@ -283,11 +285,16 @@ def _background(value: Any) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _seconds(training: dict[str, Any], path: Path) -> float:
-    seconds = number_of(training, "seconds", path, "training")
+def _seconds(training: dict[str, Any], key: str, path: Path) -> float:
+    seconds = number_of(training, key, path, "training")
     if seconds < 0:
-        raise ValueError("training.seconds is negative")
+        raise ValueError(f"training.{key} is negative")
     return seconds
+
+
+def _processor_seconds(training: dict[str, Any], path: Path) -> float | None:
+    key = "processor_seconds"
+    return _seconds(training, key, path) if key in training else None
 
 
 def _check_places(model: SceneModel, frame: ModelFrame, path: Path) -> None:

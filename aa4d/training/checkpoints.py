@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from aa4d.motion.spline import FEWEST_CONTROLS
 from aa4d.training.optimiser import MOMENTS, load_moments, make_optimiser
 from aa4d.training.poses import PoseRefinement
 from aa4d.training.schedule import Schedule, schedule_of
+from aa4d.training.spent import Spent
 
 LONGEST_S = 1e9  # of training, 30 years
 
@@ -37,7 +38,7 @@ class TrainingState:
 
     stage: str  # its name
     iteration: int  # iterations done in this stage
-    seconds: float  # of training so far, over all stages
+    spent: Spent  # so far, over all stages
     model: SceneModel
     optimiser: Adam
     statistics: Statistics
@@ -52,7 +53,7 @@ def save_checkpoint(path: Path, state: TrainingState) -> None:
             tensors[f"adam.{key}.{name}"] = value
     if state.poses is not None:
         tensors |= {f"poses.{name}": value for name, value in state.poses.tensors().items()}
-    position: dict[str, Any] = {"stage": state.stage, "iteration": state.iteration, "seconds": state.seconds}
+    position: dict[str, Any] = {"stage": state.stage, "iteration": state.iteration, **asdict(state.spent)}
     if state.model.groups is not None:
         position["groups"] = state.model.groups.names
     with whole_file(path) as temporary:
@@ -68,7 +69,7 @@ def load_checkpoint(
         with safe_open(str(path), framework="pt", device=str(device)) as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
             position = json.loads(file.metadata()["state"])
-        stage, iteration, seconds = _position(position, schedule_of(settings))
+        stage, iteration, spent = _position(position, schedule_of(settings))
         _check_finite(tensors)
         model = method_of(settings.method).blank(settings, len(tensors["statistics.seen"]))
         if "groups" in position:
@@ -82,25 +83,27 @@ def load_checkpoint(
         if poses is not None:
             poses.load(_part(tensors, "poses."))
         statistics = _statistics(model, _part(tensors, "statistics."))
-        return TrainingState(stage.name, iteration, seconds, model, optimiser, statistics, poses)
+        return TrainingState(stage.name, iteration, spent, model, optimiser, statistics, poses)
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
         # The last line: load_state_dict says there what does not fit.
         reason = f"it lacks {error}" if isinstance(error, KeyError) else f"{error}".splitlines()[-1].strip()
         raise InputError(f"{path}: cannot continue from this checkpoint ({reason}); delete it to start over") from None
 
 
-def _position(position: Any, schedule: Schedule) -> tuple[Stage, int, float]:
-    """Stage, iteration and seconds of a header. Raises ValueError for what no training wrote; KeyError, TypeError."""
+def _position(position: Any, schedule: Schedule) -> tuple[Stage, int, Spent]:
+    """Stage, iteration and time of a header. Raises ValueError for what no training wrote; KeyError, TypeError."""
     name, iteration, seconds = position["stage"], position["iteration"], position["seconds"]
+    processor_seconds = position.get("processor_seconds", seconds)  # older versions took the time of the clock alone
     names = [stage.name for stage in schedule.stages]
     if name not in names:
         raise ValueError(f"its stage is {name!r}, and this run has {', '.join(names)}")
     stage = schedule[name]
     if type(iteration) is not int or not 0 <= iteration <= stage.iterations:
         raise ValueError(f"its iteration is {iteration!r:.40}, and the {name} stage has {stage.iterations}")
-    if type(seconds) not in (int, float) or not 0 <= seconds < LONGEST_S:
-        raise ValueError(f"its seconds of training are {seconds!r:.40}")
-    return stage, iteration, float(seconds)
+    for value in (seconds, processor_seconds):
+        if type(value) not in (int, float) or not 0 <= value < LONGEST_S:
+            raise ValueError(f"its seconds of training are {value!r:.40}")
+    return stage, iteration, Spent(float(seconds), float(processor_seconds))
 
 
 def _check_finite(tensors: dict[str, Tensor]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from aa4d.motion.tracks_file import load_tracks, movers_path, save_tracks, track
 from aa4d.motion.truth import truth_tracks
 from aa4d.training.frames import TrainingFrames
 from aa4d.training.riding import FloatArray, add_riders, find, membership_loss
+from aa4d.training.spent import Spent
 
 RESTART = "delete the run and train again"
 
@@ -52,14 +52,14 @@ class Movers:
             raise InputError(f"{path}: holds tracks of another capture; {RESTART}")
         return tracks
 
-    def look(self, model: SceneModel, stage: str, say: Callable[[str], None]) -> float:
-        """Find them against the static scene, the second time with what the first look found; returns its seconds."""
-        started = time.perf_counter()
+    def look(self, model: SceneModel, stage: str, say: Callable[[str], None]) -> Spent:
+        """Find them against the static scene, the second time with what the first look found; returns its time."""
+        started = Spent.clocks()
         say(f"looking for movers in {len(self._frames.views)} frames")
         self.tracks = find(self.settings.tracks, self._frames.capture, *static_views(model, self._frames), self.tracks)
-        seconds = time.perf_counter() - started
-        say(f"tracks of movers after the {stage} stage: {len(self.tracks)}, in {seconds:.0f} s")
-        return seconds
+        spent = Spent.clocks().since(started)
+        say(f"tracks of movers after the {stage} stage: {len(self.tracks)}, in {spent.seconds:.0f} s")
+        return spent
 
     def keep_first_look(self) -> None:
         assert self.tracks is not None

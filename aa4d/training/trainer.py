@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
@@ -37,6 +36,7 @@ from aa4d.training.poses import PoseRefinement, refined
 from aa4d.training.riding import check_source, refuse_idle_rates
 from aa4d.training.run_folder import check_folder, claimed, run_identity, run_settings
 from aa4d.training.schedule import CLEAN, Schedule, schedule_of
+from aa4d.training.spent import Spent
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
 
 HEADING = "The settings of this run; `aa4d train CAPTURE --out RUN --config settings.toml` takes the same."
@@ -129,7 +129,7 @@ class Run:
         first = self.schedule.stages[0]
         optimiser = make_optimiser(model, self.settings.rates, canonical=first.canonical)
         statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
-        return TrainingState(first.name, 0, 0.0, model, optimiser, statistics, self._poses())
+        return TrainingState(first.name, 0, Spent(), model, optimiser, statistics, self._poses())
 
     def _poses(self) -> PoseRefinement | None:
         """The given poses as a start, where they are learned."""
@@ -175,7 +175,7 @@ class Run:
         check_finite(state.optimiser, "a parameter")
         movers, first_moving = self.movers, self.schedule.first_moving
         if movers is not None and movers.settings.needs_static and following.name in (CLEAN, first_moving.name):
-            state.seconds += movers.look(state.model, state.stage, say)
+            state.spent += movers.look(state.model, state.stage, say)
             assert movers.tracks is not None
             if following.name == CLEAN and len(movers.tracks):
                 movers.keep_first_look()
@@ -200,12 +200,12 @@ class Run:
     def _stage(self, state: TrainingState, progress: Progress, history: History, stop_requested: StopRequest) -> None:
         total = self.schedule[state.stage].iterations
         while state.iteration < total:
-            started = time.perf_counter()
+            started = Spent.clocks()
             loss, psnr_db = self.step(state)
             state.iteration += 1
-            state.seconds += time.perf_counter() - started
+            state.spent += Spent.clocks().since(started)
             units = len(state.model)
-            history.add(self.steps(state), state.stage, state.iteration, loss, psnr_db, units, state.seconds)
+            history.add(self.steps(state), state.stage, state.iteration, loss, psnr_db, units, state.spent.seconds)
             progress(state.stage, state.iteration, total, loss, psnr_db, units)
             if stop_requested():
                 self._save(state, history)
@@ -345,7 +345,8 @@ class Run:
             "preset": self.settings.preset,
             "seed": self.settings.seed,
             "iterations": state.iteration,
-            "seconds": round(state.seconds, 3),
+            "seconds": round(state.spent.seconds, 3),
+            "processor_seconds": round(state.spent.processor_seconds, 3),
         }
         if (poses := state.poses) is not None:
             training["refined_poses"] = True

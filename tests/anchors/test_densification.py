@@ -13,6 +13,7 @@ from aa4d.methods.adaanchor4d.model import AdaAnchor4D
 from aa4d.methods.adaanchor4d.settings import LearningRates, ModelConfig
 from aa4d.training.checkpoints import TrainingState
 from aa4d.training.optimiser import edit_units, make_optimiser
+from aa4d.training.spent import Spent
 
 CONFIG = ModelConfig(offsets=4, spatial_resolutions=(4,), temporal_resolution=4)
 
@@ -61,7 +62,7 @@ def state_with_moments(n: int) -> TrainingState:
     optimiser = make_optimiser(model, LearningRates(), canonical=False)
     sum(p.square().sum() for p in model.parameters()).backward()
     optimiser.step()
-    return TrainingState("fine", 1, 0.0, model, optimiser, Statistics.zeros(n, 4))
+    return TrainingState("fine", 1, Spent(), model, optimiser, Statistics.zeros(n, 4))
 
 
 def test_new_anchors_inherit_from_their_parents_and_moments_follow_their_rows() -> None:

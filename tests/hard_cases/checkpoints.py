@@ -25,6 +25,7 @@ from aa4d.motion.tracks_file import load_tracks, save_tracks
 from aa4d.stress.cases import Part
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
 from aa4d.training.optimiser import make_optimiser
+from aa4d.training.spent import Spent
 from tests.hard_cases.errors import refusal
 
 PART = Part("checkpoints")
@@ -48,7 +49,7 @@ def checkpoint() -> bytes:
     optimiser.step()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "checkpoint.safetensors"
-        save_checkpoint(path, TrainingState("fine", 7, 1.5, model, optimiser, Statistics.zeros(5, 2)))
+        save_checkpoint(path, TrainingState("fine", 7, Spent(1.5, 1.5), model, optimiser, Statistics.zeros(5, 2)))
         return path.read_bytes()
 
 
