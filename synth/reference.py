@@ -119,6 +119,9 @@ def reference() -> str:
     """The whole page."""
     parts = [HEAD, "## The top of the file\n\n" + "\n".join(_top(Scene)) + "\n"]
     for name, hint, metadata in _tables(Scene):
+        if metadata.get("kinds") and metadata["meaning"]:  # another one of what a table before it describes
+            parts.append(f"## `[{name}]`\n\n{metadata['meaning']} Its keys are those of `[flight]`.\n")
+            continue
         if metadata.get("kinds"):
             kinds = _listed(metadata["kinds"])
             parts.append(f"## `[{name}]`\n\n`kind` chooses one of {kinds}; the other keys depend on it.\n")
