@@ -51,8 +51,11 @@ class Capture:
         return [i for i, frame in enumerate(self.frames) if frame.split == split]
 
 
-def read_capture(folder: Path) -> Capture:
+def read_capture(folder: Path, *, to_train: bool = True) -> Capture:
     """Read and check everything but the pixels.
+
+    Args:
+        to_train: whether it must have training frames.
 
     Raises:
         InputError: names the file and the key that is missing, malformed or not finite.
@@ -72,7 +75,7 @@ def read_capture(folder: Path) -> Capture:
         raise InputError(f"{index}: version {version!r} is not known here (newest: {CAPTURE_VERSION}); update aa4d")
     camera = pinhole_camera(document, index)
     frames = tuple(frame_of_index(value, i, index) for i, value in enumerate(list_of(document, "frames", index)))
-    check_frames(frames, index)
+    check_frames(frames, index, to_train=to_train)
     tracks = document.get("tracks")
     points, colors = _points(folder / path_inside(document.get("points"), "points", index))
     return Capture(

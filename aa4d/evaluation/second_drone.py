@@ -57,7 +57,7 @@ def second_capture(capture: Capture) -> Capture | None:
     folder = capture.folder / FOLDER
     if not folder.is_dir():
         return None
-    second = read_capture(folder)
+    second = read_capture(folder, to_train=False)
     if [frame.time_s for frame in second.frames] != [frame.time_s for frame in capture.frames]:
         raise InputError(f"{folder}: its frames have other times than those of {capture.folder}; render both again")
     check_content(folder)

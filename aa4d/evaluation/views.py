@@ -14,7 +14,7 @@ from aa4d.capture.reader import Capture
 from aa4d.capture.schema import PinholeCamera
 from aa4d.files import whole_file
 from aa4d.methods.model_file import LoadedModel
-from aa4d.methods.rendering import render
+from aa4d.methods.rendering import exposed, render
 from aa4d.raster.types import Camera
 
 
@@ -27,8 +27,11 @@ def view_of_frame(loaded: LoadedModel, capture: Capture, index: int) -> tuple[fl
 
 
 def render_frame(loaded: LoadedModel, capture: Capture, index: int) -> NDArray[np.uint8]:
-    """The model at the time and pose of a frame: [H, W, 3] 8-bit sRGB, as it would be saved."""
-    return _rendered(loaded, *view_of_frame(loaded, capture, index))
+    """The model at the time and pose of a frame: [H, W, 3] 8-bit sRGB, as it would be saved.
+
+    Where exposures were learned, as that frame's camera records it: held-out frames have those of their neighbors.
+    """
+    return _rendered(loaded, *view_of_frame(loaded, capture, index), loaded.frames[index].exposure)
 
 
 def render_pose(loaded: LoadedModel, t: float, viewmat: NDArray[np.float64], c: PinholeCamera) -> NDArray[np.uint8]:
@@ -38,9 +41,16 @@ def render_pose(loaded: LoadedModel, t: float, viewmat: NDArray[np.float64], c: 
     return _rendered(loaded, None if loaded.is_static else t, camera, torch.tensor(loaded.background, device=device))
 
 
-def _rendered(loaded: LoadedModel, t: float | None, camera: Camera, background: Tensor) -> NDArray[np.uint8]:
+def _rendered(
+    loaded: LoadedModel,
+    t: float | None,
+    camera: Camera,
+    background: Tensor,
+    exposure: NDArray[np.float64] | None = None,
+) -> NDArray[np.uint8]:
     with torch.no_grad():
-        return as_picture(render(loaded.model, t, camera, background).rendering.color)
+        color = render(loaded.model, t, camera, background).rendering.color
+        return as_picture(color if exposure is None else exposed(color, torch.from_numpy(exposure).to(color)))
 
 
 def as_picture(color: Tensor) -> NDArray[np.uint8]:

@@ -33,6 +33,7 @@ class CommonRates:
     tracks: Decay = Decay(2e-4, 2e-5)  # [chosen] model units: a hundredth of a pixel's width at focal length 250
     heading: Decay = Decay(2e-3, 2e-4)  # [chosen] radians: what turns a car's ends by as much
     poses: Decay = Decay(2e-3, 2e-5)  # [chosen] radians and model units; falls over all stages
+    exposures: Decay = Decay(2e-3, 2e-4)  # [chosen] of color in [0, 1]; falls over all stages
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +79,7 @@ class RunSettings:
     seed: Seed = 0  # of everything random
     checkpoint_every: Count = 500  # iterations; a killed run repeats at most so many
     refine_poses: bool = False  # learn the training cameras' poses with the scene
+    exposure: bool = False  # learn an affine map of color for each training view: the camera's exposure
     motion: MotionSettings | None = None  # anchors that ride on movers; None: nothing rides
     rates: CommonRates
     densification: DensitySchedule

@@ -22,7 +22,11 @@ ASIDE_M = 6.0
 def pair(toy_run: Path, tmp_path: Path) -> tuple[Path, Path]:
     """The capture with a second drone six meters to the north, and the run that was trained on it."""
     shutil.copytree(toy_run.parent, tmp_path / "toy")
-    write_toy_capture(tmp_path / "toy/capture" / FOLDER, aside_m=ASIDE_M)
+    index = write_toy_capture(tmp_path / "toy/capture" / FOLDER, aside_m=ASIDE_M) / "capture.json"
+    document = json.loads(index.read_text())
+    for frame in document["frames"]:
+        frame["split"] = "test"
+    index.write_text(json.dumps(document))
     return tmp_path / "toy/capture", tmp_path / "toy/run"
 
 
@@ -94,6 +98,6 @@ def test_an_unfinished_second_drone_is_refused(pair: tuple[Path, Path]) -> None:
 
 
 def test_scored_frames_are_spread_over_the_clip(pair: tuple[Path, Path]) -> None:
-    second = read_capture(pair[0] / FOLDER)
+    second = read_capture(pair[0] / FOLDER, to_train=False)
     assert scored_frames(second, 4) == [0, 3, 6, 9]
     assert scored_frames(second, 40) == list(range(10))
