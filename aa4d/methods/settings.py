@@ -80,6 +80,8 @@ class RunSettings:
     checkpoint_every: Count = 500  # iterations; a killed run repeats at most so many
     refine_poses: bool = False  # learn the training cameras' poses with the scene
     exposure: bool = False  # learn an affine map of color for each training view: the camera's exposure
+    leave_out: bool = False  # the loss does not see what is white in CAPTURE/left_out/NAME.png, or all.png
+    true_depth: NotNegative = 0.0  # weight of the relative error of depth, where the capture has true depth
     motion: MotionSettings | None = None  # anchors that ride on movers; None: nothing rides
     rates: CommonRates
     densification: DensitySchedule

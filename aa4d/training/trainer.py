@@ -28,6 +28,7 @@ from aa4d.methods.settings import RunSettings
 from aa4d.raster.types import Output
 from aa4d.settings.toml import as_toml
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
+from aa4d.training.depth import depth_loss
 from aa4d.training.exposures import Exposures, with_exposures
 from aa4d.training.frames import TrainingFrames, View, training_frames
 from aa4d.training.history import History
@@ -82,7 +83,8 @@ def train(
     else:
         check_source(settings.motion.tracks, capture)
     # Every image is read here, so that bad input is refused before anything is written.
-    run = Run(training_frames(capture, chosen), out, settings)
+    frames = training_frames(capture, chosen, with_masks=settings.leave_out, with_depth=settings.true_depth > 0)
+    run = Run(frames, out, settings)
     with claimed(out, description):
         write_text(out / "settings.toml", given)
         state = run.last_good_state()
@@ -107,7 +109,11 @@ def description_of(capture: Capture, settings: RunSettings) -> dict[str, Any]:
     model = training.pop("model", {})
     if settings.motion is None:  # as before there was such a setting
         del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
-    if not settings.exposure:  # likewise
+    if not settings.leave_out:  # likewise
+        del training["leave_out"]
+    if settings.true_depth == 0:
+        del training["true_depth"]
+    if not settings.exposure:
         del training["exposure"], training["rates"]["exposures"]
     return run_settings(capture, settings.method, training, model)
 
@@ -273,18 +279,29 @@ class Run:
         if state.poses is not None:
             view = dataclasses.replace(view, camera=state.poses.camera(index, view.camera))
         t = self.method.trained_time(stage, state.iteration, view.t, len(self.frames.views), self.settings)
-        outputs = self.method.outputs(self.settings) if self._gathers(stage, state.iteration + 1) else ()
+        outputs = {*self.method.outputs(self.settings)} if self._gathers(stage, state.iteration + 1) else set()
+        if view.depth is not None:
+            outputs.add("depth")
         rendered = self._render(state, dataclasses.replace(view, t=t), outputs)
         if state.exposures is not None:
             rendered = state.exposures.of(index, rendered)
-        target = view.target()
-        if movers is not None and movers.tracks is not None and stage.canonical:
-            # Where something moves the static scene is asked for nothing: its own picture has no gradient.
-            target = torch.where(movers.moving(index)[..., None], rendered.rendering.color.detach(), target)
+        target, ignored = view.target(), self._ignored(stage, view, index)
+        if ignored is not None:  # its own picture has no gradient
+            target = torch.where(ignored[..., None], rendered.rendering.color.detach(), target)
         loss, squared_error = self.method.image_loss(rendered, target, self.settings)
+        if view.depth is not None:
+            loss = loss + self.settings.true_depth * depth_loss(rendered.rendering.depth, view.depth, ignored)
         if movers is not None and (of_movers := movers.loss(rendered, index)) is not None:
             loss = loss + of_movers
         return rendered, loss, squared_error
+
+    def _ignored(self, stage: Stage, view: View, index: int) -> Tensor | None:
+        """Pixels [H, W] of a view of which nothing is asked: those left out, and movers while the scene is static."""
+        movers = self.movers
+        if movers is None or movers.tracks is None or not stage.canonical:
+            return view.left_out
+        moving = movers.moving(index)
+        return moving if view.left_out is None else moving | view.left_out
 
     @torch.no_grad()
     def _change_units(self, state: TrainingState, stage: Stage, drawn: list[Rendered]) -> None:
