@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, TypeVar
 
-from aa4d.settings.allowed import Count, Iterations, NameIn, NotNegative, Pixels, Range, Rate, Seed, Share
+from aa4d.settings.allowed import Count, Iterations, NameIn, NotNegative, Pixels, Positive, Range, Rate, Seed, Share
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,18 @@ class DensitySchedule:
     start: Iterations = 1500  # iteration from which units come and go
     interval: Count = 100  # iterations from one occasion to the next
     until: Iterations = 15000  # iteration after which none comes or goes
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnchorDensification(DensitySchedule):
+    """Growing and pruning of anchors, all [Scaffold-GS], their schedule too, unless marked."""
+
+    gradient_threshold: Positive = 2e-4  # of the screen-space gradient, normalised device units
+    seen_share: Share = 0.8  # of an interval's iterations, before a statistic counts
+    min_opacity: Share = 0.005  # mean sum over an anchor's Gaussians, below which it is pruned
+    levels: Annotated[int, Range(1, 8)] = 3  # of voxels that anchors grow into
+    voxel_factor: Annotated[int, Range(1, 4096)] = 16  # edge of the coarsest voxels, in finest ones; then quarters
+    max_anchors: Count = 200_000  # [chosen] a bound on memory
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from scipy.linalg import expm
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import Interrupted
-from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings, Densification
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.model_file import load_model
-from aa4d.methods.settings import Decay
+from aa4d.methods.settings import AnchorDensification, Decay
 from aa4d.raster.types import Camera
 from aa4d.training.frames import training_frames
 from aa4d.training.poses import (
@@ -164,7 +164,7 @@ LEARNING = AdaAnchor4DSettings(
     voxel_px=1.5,
     refine_poses=True,
     rates=replace(PRESETS["quick"].rates, poses=Decay(4e-3, 4e-4)),
-    densification=Densification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
+    densification=AnchorDensification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
 )
 
 
