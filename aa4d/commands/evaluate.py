@@ -64,6 +64,9 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     for name, value in metrics["psnr_activity"].items():
         share = f"{100 * metrics['activity_share'][name]:.1f} % of pixels"
         table.add_row(f"PSNR, {name} ({share})", db(value), db(metrics["psnr_activity_static"].get(name)))
+    if metrics.get("psnr_swept") is not None:
+        beside = db(metrics["psnr_swept_static"])
+        table.add_row("PSNR, ground that movers drive over at another time", db(metrics["psnr_swept"]), beside)
     table.add_row("SSIM", f"{metrics['ssim']:.4f}", "")
     for network, value in metrics["lpips"].items():
         table.add_row(f"LPIPS ({network})", f"{value:.4f}", "")

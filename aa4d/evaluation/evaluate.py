@@ -18,7 +18,7 @@ from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.capture.truth import moving_mask
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError
-from aa4d.evaluation.activity import PooledError, activity_labels
+from aa4d.evaluation.activity import PooledError, activity_labels, swept_ground
 from aa4d.evaluation.image_metrics import StructuralSimilarity, capped, psnr
 from aa4d.evaluation.lpips import Network
 from aa4d.evaluation.lpips_weights import Perceptual, obtain
@@ -37,6 +37,7 @@ from aa4d.motion.tracks_file import load_tracks, tracks_path
 TRAINING_FRAMES = 32  # at most so many of them are scored, evenly over time, for the gap to the held-out ones
 SECOND_DRONE_FRAMES = 32  # likewise of a second drone's
 MOTION_PICTURE = "motion.png"
+GROUND = ("elsewhere", SWEPT := "swept")
 
 
 class Steps:
@@ -85,6 +86,8 @@ class Metrics:
     psnr_dynamic_static: float | None  # likewise, moving pixels
     psnr_activity: dict[str, float]  # by activity class, errors pooled over the frames; empty without truth
     psnr_activity_static: dict[str, float]  # likewise, the coarse stage
+    psnr_swept: float | None  # ground that movers drive over at another time: where ghosts show; None without truth
+    psnr_swept_static: float | None  # likewise, the coarse stage
     activity_share: dict[str, float]  # of the pixels with activity truth
     track_recall: float | None  # share of vehicle-frames on the tracks that the run found; None without tracks or truth
     tracks_false: int | None  # of the run's tracks, those that follow nothing that moves
@@ -155,6 +158,7 @@ def evaluate(
 
     scores, static_psnrs = [], []
     by_class, by_class_static = PooledError(), PooledError()
+    swept, swept_static = PooledError(GROUND), PooledError(GROUND)
     for index in held_out:
         frame = capture.frames[index]
         truth = as_float(read_image(capture, frame))
@@ -168,9 +172,12 @@ def evaluate(
             static_psnrs.append(capped(psnr(frozen, truth)))
         labels = activity_labels(capture, index)
         if labels is not None:
+            ground = swept_ground(capture, index, labels)
             by_class.add(image, truth, labels)
+            swept.add(image, truth, ground)
             if frozen is not None:
                 by_class_static.add(frozen, truth, labels)
+                swept_static.add(frozen, truth, ground)
         scores.append(_score(capture, index, truth, image, frozen, perceptual))
         steps.next()
     training_scores = []
@@ -200,6 +207,8 @@ def evaluate(
         psnr_dynamic_static=_mean(s.psnr_dynamic_static for s in scores),
         psnr_activity=_capped_all(by_class.psnr()),
         psnr_activity_static=_capped_all(by_class_static.psnr()),
+        psnr_swept=_capped_all(swept.psnr()).get(SWEPT),
+        psnr_swept_static=_capped_all(swept_static.psnr()).get(SWEPT),
         activity_share=by_class.share(),
         **track_scores,
         motion=motion.scores,

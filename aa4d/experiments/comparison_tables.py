@@ -39,6 +39,7 @@ QUALITY = (
     Score("lpips.vgg", "LPIPS (vgg)", 4, -1),
     Score("psnr_dynamic", "PSNR, moving", 2, 1),
     Score("psnr_still", "PSNR, still", 2, 1),
+    Score("psnr_swept", "PSNR, swept ground", 2, 1),
     Score("second_drone.psnr_seen", "PSNR, second drone", 2, 1),
     Score("second_drone.psnr_dynamic", "second drone, moving", 2, 1),
     Score("motion_epe_px", "motion error, px", 2, -1),

@@ -38,6 +38,7 @@ def columns_of(rows: list[Row]) -> list[Column]:
         Column("psnr_still", "Still-PSNR", 2),
         Column("ssim", "SSIM", 4),
         *(Column(key, f"LPIPS {key.removeprefix('lpips.')}", 4) for key in lpips),
+        Column("psnr_swept", "swept ground", 2),
         Column("second_drone.psnr_seen", "second drone", 2),
         Column("second_drone.psnr_dynamic", "second drone, moving", 2),
         Column("motion_epe_px", "motion error px", 2),
