@@ -74,6 +74,10 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
         table.add_row(f"LPIPS ({network})", "not measured", "")
     for label, value, beside in motion_rows(metrics):
         table.add_row(label, value, beside)
+    if metrics.get("activity_rank_correlation") is not None:
+        table.add_row(
+            "weights on planes with time against true activity, rank", f"{metrics['activity_rank_correlation']:.2f}", ""
+        )
     for label, value in second_drone_rows(metrics):
         table.add_row(label, value, "")
     table.add_row("PSNR of training frames", db(metrics["psnr_training"]), "")

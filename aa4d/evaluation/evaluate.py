@@ -19,6 +19,7 @@ from aa4d.capture.truth import moving_mask
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError
 from aa4d.evaluation.activity import PooledError, activity_labels, swept_ground
+from aa4d.evaluation.activity_share import rank_correlation
 from aa4d.evaluation.image_metrics import StructuralSimilarity, capped, psnr
 from aa4d.evaluation.lpips import Network
 from aa4d.evaluation.lpips_weights import Perceptual, obtain
@@ -89,6 +90,7 @@ class Metrics:
     psnr_swept: float | None  # ground that movers drive over at another time: where ghosts show; None without truth
     psnr_swept_static: float | None  # likewise, the coarse stage
     activity_share: dict[str, float]  # of the pixels with activity truth
+    activity_rank_correlation: float | None  # of weights on spatio-temporal planes with true activity, over anchors
     track_recall: float | None  # share of vehicle-frames on the tracks that the run found; None without tracks or truth
     tracks_false: int | None  # of the run's tracks, those that follow nothing that moves
     vehicles_missed: int | None
@@ -210,6 +212,7 @@ def evaluate(
         psnr_swept=_capped_all(swept.psnr()).get(SWEPT),
         psnr_swept_static=_capped_all(swept_static.psnr()).get(SWEPT),
         activity_share=by_class.share(),
+        activity_rank_correlation=rank_correlation(loaded, capture),
         **track_scores,
         motion=motion.scores,
         second_drone=from_elsewhere,
