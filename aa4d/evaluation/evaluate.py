@@ -90,6 +90,7 @@ class Metrics:
     psnr_swept: float | None  # ground that movers drive over at another time: where ghosts show; None without truth
     psnr_swept_static: float | None  # likewise, the coarse stage
     activity_share: dict[str, float]  # of the pixels with activity truth
+    heterogeneity: dict[str, float]  # of the scene, as its capture says (docs/truth.md)
     activity_rank_correlation: float | None  # of weights on spatio-temporal planes with true activity, over anchors
     track_recall: float | None  # share of vehicle-frames on the tracks that the run found; None without tracks or truth
     tracks_false: int | None  # of the run's tracks, those that follow nothing that moves
@@ -212,6 +213,7 @@ def evaluate(
         psnr_swept=_capped_all(swept.psnr()).get(SWEPT),
         psnr_swept_static=_capped_all(swept_static.psnr()).get(SWEPT),
         activity_share=by_class.share(),
+        heterogeneity=capture.heterogeneity,
         activity_rank_correlation=rank_correlation(loaded, capture),
         **track_scores,
         motion=motion.scores,
