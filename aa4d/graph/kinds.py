@@ -14,7 +14,13 @@ if TYPE_CHECKING:
 
 # The module of each, which has a `KIND` and imports what it works with when it is run: a graph whose tasks are all done
 # waits for nothing. A name that is not here is itself a module's.
-KINDS: dict[str, str] = {}
+KINDS: dict[str, str] = {
+    "render": "aa4d.experiments.kinds.render",
+    "train": "aa4d.experiments.kinds.train",
+    "evaluate": "aa4d.experiments.kinds.evaluate",
+    "trial": "aa4d.experiments.kinds.trial",
+    "tabulate": "aa4d.experiments.kinds.tabulate",
+}
 
 
 @dataclass(frozen=True)

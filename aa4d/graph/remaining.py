@@ -40,6 +40,10 @@ class Remaining:
                 self._costs.add(event.task, event.kept.seconds)
 
     @property
+    def total(self) -> int:
+        return len(self._tasks)
+
+    @property
     def done(self) -> int:
         return len(self._tasks) - len(self._open)
 

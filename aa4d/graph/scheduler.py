@@ -26,18 +26,17 @@ class Outcome:
     failures: dict[str, Failed] = field(default_factory=dict)
 
 
-def run_graph(tasks: Sequence[Task], store: Store, engine: Engine, tell: Tell, threads: int | None = None) -> Outcome:
+def run_graph(tasks: Sequence[Task], store: Store, engine: Engine, tell: Tell) -> Outcome:
     """Do the tasks and all that they need, those that are named first as early as their needs allow.
 
     Args:
         tell: hears of every event, in the thread of the caller.
-        threads: of each task that computes; None: torch chooses.
 
     Raises:
         Interrupted: Ctrl-C; what was running is saved.
         InputError: the place of a result holds something that must not be overwritten.
     """
-    run = _Run(in_order(tasks), store, engine, tell, threads)
+    run = _Run(in_order(tasks), store, engine, tell)
     try:
         with _terminations_as_interrupts():
             run.all()
@@ -51,18 +50,20 @@ def run_graph(tasks: Sequence[Task], store: Store, engine: Engine, tell: Tell, t
 
 
 class _Run:
-    def __init__(self, tasks: tuple[Task, ...], store: Store, engine: Engine, tell: Tell, threads: int | None) -> None:
+    def __init__(self, tasks: tuple[Task, ...], store: Store, engine: Engine, tell: Tell) -> None:
         self.tasks, self.outcome = tasks, Outcome()
-        self._store, self._engine, self._tell, self._threads = store, engine, tell, threads
+        self._store, self._engine, self._tell = store, engine, tell
         self._waiting = list(tasks)
         self._missing: set[str] = set()  # looked for, and not there
         self._running: set[str] = set()
         self._stopped = False
 
     def all(self) -> None:
+        for task in list(self._waiting):  # first what is there, so that what cannot go on is refused before it begins
+            self._consider(task, start=False)
         while self._waiting or self._running:
             for task in list(self._waiting):
-                self._consider(task)
+                self._consider(task, start=True)
             if self._running:
                 self._engine.wait()
             self._end_if_stopped()
@@ -72,8 +73,8 @@ class _Run:
         if self._stopped:
             raise KeyboardInterrupt
 
-    def _consider(self, task: Task) -> None:
-        """Start a task if its turn has come; settle one that is there or can never be."""
+    def _consider(self, task: Task, *, start: bool) -> None:
+        """Settle a task that is there or can never be; start another one if its turn has come."""
         kept, failures = self.outcome.kept, self.outcome.failures
         if any(need.digest not in kept and need.digest not in failures for need in task.needs):
             return
@@ -81,10 +82,13 @@ class _Run:
         if failed and not task.partial:
             self._waiting.remove(task)
             cause = failed[0].because or failed[0].task
-            self._hear(Failed(task, f"not tried, for {cause.title} failed", cause))
+            sentence = failures[cause.digest].sentence
+            self._hear(Failed(task, f"not tried, for {cause.title} failed: {sentence}", cause))
             return
         needs = {need.digest: kept[need.digest] for need in task.needs if need.digest in kept}
-        job = Job(self._store.root, task, needs, {f.task.name: f.sentence for f in failed}, self._threads)
+        # Several jobs of one thread each get more done than one with several.
+        threads = task.resources.cores or (1 if self._engine.slots > 1 else None)
+        job = Job(self._store.root, task, needs, {f.task.name: f.sentence for f in failed}, threads)
         if task.digest not in self._missing:
             if (there := self._store.kept(task, job.contents)) is not None:
                 self._waiting.remove(task)
@@ -93,7 +97,7 @@ class _Run:
             self._missing.add(task.digest)
             if (edited := self._store.edited(task)) is not None:
                 self._tell(Said(task, f"{edited} is not as it was made; {task.title} is made again"))
-        if self._engine.has_room(task):
+        if start and self._engine.has_room(task):
             self._waiting.remove(task)
             self._running.add(task.digest)
             self._tell(Started(task))

@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from aa4d.graph.kinds import kind_of
 from aa4d.identity import Identity, digest_of
+from aa4d.settings.allowed import Range
 
 LOCATION = "location"  # metadata of fields that say where something lies, and not what it is
 
@@ -24,9 +25,9 @@ def location(default: Any = dataclasses.MISSING) -> Any:
 class Resources:
     """What a task needs of a machine; an engine that shares out several machines goes by it."""
 
-    cores: int = 1
-    gpus: float = 0.0
-    memory_gb: float = 0.0  # 0: not known
+    cores: Annotated[int, Range(1, 4096)] | None = None  # None: one where several tasks run, else as torch likes
+    gpus: Annotated[float, Range(0, 64)] = 0.0
+    memory_gb: Annotated[float, Range(0, 65536)] = 0.0  # 0: not known
 
 
 @dataclass(frozen=True)
