@@ -116,6 +116,10 @@ def _settings(head: Head, name: str, variant: Any, common: Mapping[str, Any], pl
     model: dict[str, Any] = {} if keys.aggregation is None else {"aggregation": keys.aggregation}
     if modules is not None:
         model |= _switches(modules, here("modules"))
+    for key in model:
+        if not hasattr(getattr(base, "model", None), key):
+            name_here = here("modules" if key in MODULES else key)
+            raise InputError(f"{name_here}: {keys.method} has none; leave it out")
     layers = [
         (common, lambda where: place(f"settings.{where}")),
         ({"model": model} if model else {}, lambda where: here(where.removeprefix("model."))),

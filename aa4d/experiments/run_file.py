@@ -33,7 +33,8 @@ def run_file(
     with ExitStack() as stack:
         stack.callback(worker.close)
         claim_folder(out, INDEX, {"experiment": path.stem}, "an experiment")
-        stack.enter_context(claimed(out if part is None else out / "parts" / f"{part[0]}-of-{part[1]}", "running"))
+        mine = out if part is None else out / "parts" / f"{part[0]}-of-{part[1]}"
+        stack.enter_context(claimed(mine, "running an experiment"))
         with whole_file(out / COPY) as temporary:
             temporary.write_bytes(path.read_bytes())
         store = Store(out)

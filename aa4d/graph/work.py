@@ -16,6 +16,10 @@ from aa4d.graph.kinds import Kept, kind_of
 from aa4d.graph.store import Store
 from aa4d.graph.task import Task
 
+OUT_OF_MEMORY = (
+    "its process was killed (signal 9), as the system does where memory runs out; run fewer tasks at a time, or ask "
+    "for smaller frames, and run the same command again"
+)
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 

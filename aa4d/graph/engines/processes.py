@@ -15,14 +15,10 @@ from multiprocessing.process import BaseProcess
 from aa4d.graph.engines import Means
 from aa4d.graph.events import Event, Failed, Finished, Stopped, Tell
 from aa4d.graph.task import Task
-from aa4d.graph.work import Job, attempt
+from aa4d.graph.work import OUT_OF_MEMORY, Job, attempt
 
 ORPHANED_S = 0.5  # from one look after the parent to the next
 LONGEST_WAIT_S = 1.0
-OUT_OF_MEMORY = (
-    "its process was killed (signal 9), as the system does where memory runs out; run fewer tasks at a time, or ask "
-    "for smaller frames, and run the same command again"
-)
 
 
 class Processes:
