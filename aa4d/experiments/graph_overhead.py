@@ -2,8 +2,8 @@
 
     python -m aa4d.experiments.graph_overhead --out DIR
 
-A task computes for some seconds with torch, as training does, and writes a megabyte; the bare command does the same in a
-Python of its own. Processor seconds are those of all processes: other programs on the machine do not count.
+A task computes for some seconds with torch, as training does, and writes a megabyte; the bare command does the same in
+a Python of its own. Processor seconds are those of all processes: other programs on the machine do not count.
 """
 
 from __future__ import annotations

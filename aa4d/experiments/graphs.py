@@ -63,7 +63,7 @@ def _scores(name: str, scene: str, capture: Capture, settings: RunSettings, seed
     training = Task(
         "train",
         name,
-        Training(settings, capture.identity, capture.path),
+        Training.of(settings, capture.identity, capture.path),
         capture.needs,
         file.head.resources,
         units=iterations_of(settings),

@@ -24,7 +24,7 @@ from aa4d.graph.task import Task
 from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
 from aa4d.methods.settings import RunSettings
 from aa4d.output_folder import claim_folder
-from aa4d.training.run_folder import difference
+from aa4d.training.run_folder import difference, what_counts
 
 INDEX = "experiment.json"
 
@@ -119,8 +119,9 @@ def claim(experiment: Experiment, trials: list[Trial], captures: dict[Path, Capt
     """
     index = claim_folder(out, INDEX, {"experiment": experiment.name}, "the runs of an experiment")
     # Through JSON, so that tuples and lists compare alike.
-    training = json.loads(json.dumps(asdict(replace(trials[0].base, seed=0))))
-    different = difference(index.get("training", training), training, "training")
+    base = replace(trials[0].base, seed=0)
+    training, counts = json.loads(json.dumps([asdict(base), what_counts(base)]))
+    different = difference(_completed(index.get("training", training), training, counts), training, "training")
     if different is not None:
         raise InputError(f"{out}: holds runs with another {different}; choose another --out, or delete that folder")
     named = {folder.name: capture.identity.digest() for folder, capture in captures.items()}
@@ -133,6 +134,13 @@ def claim(experiment: Experiment, trials: list[Trial], captures: dict[Path, Capt
             )
     seeds = sorted({*index.get("seeds", []), *(trial.seed for trial in trials)})
     return index | {"training": training, "captures": before | named, "seeds": seeds}
+
+
+def _completed(found: dict[str, Any], training: dict[str, Any], counts: dict[str, Any]) -> dict[str, Any]:
+    """The settings in an index, and those that are off today and that the version that wrote it did not know."""
+    tables = [key for key in found if all(isinstance(of.get(key), dict) for of in (found, training, counts))]
+    inner = {key: _completed(found[key], training[key], counts[key]) for key in tables}
+    return found | inner | {key: training[key] for key in training if key not in found and key not in counts}
 
 
 def run_experiment(

@@ -20,6 +20,9 @@ KINDS: dict[str, str] = {
     "evaluate": "aa4d.experiments.kinds.evaluate",
     "trial": "aa4d.experiments.kinds.trial",
     "tabulate": "aa4d.experiments.kinds.tabulate",
+    "pose-noise": "aa4d.experiments.pose_noise",
+    "track-recall": "aa4d.experiments.track_recall",
+    "capture-accuracy": "aa4d.experiments.capture_accuracy",
 }
 
 

@@ -59,10 +59,10 @@ class Task:
 
 
 def canonical(value: Any) -> Any:
-    """A JSON value that is equal for equal settings: dataclasses by the names of their classes, without locations."""
+    """A JSON value that is equal for equal settings: dataclasses by their fields, without locations."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         kept = (f.name for f in dataclasses.fields(value) if not f.metadata.get(LOCATION))
-        return {"class": type(value).__name__, **{name: canonical(getattr(value, name)) for name in kept}}
+        return {name: canonical(getattr(value, name)) for name in kept}
     if isinstance(value, dict):
         return {str(key): canonical(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):

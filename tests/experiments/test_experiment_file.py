@@ -124,7 +124,10 @@ def test_the_examples_that_are_shipped_can_be_read() -> None:
             ('"fourdgs"', '"fourdgs"\nmotion = "tracks"'),
             "variants.4D-GS.motion: motion must be none, for",
         ),
-        (('"fourdgs"', '"fourdgs"\naggregation = "mean"'), "variants.4D-GS.aggregation: fourdgs has none; leave it out"),
+        (
+            ('"fourdgs"', '"fourdgs"\naggregation = "mean"'),
+            "variants.4D-GS.aggregation: fourdgs has none; leave it out",
+        ),
         (("loss.dssim", "loss.dsim"), "variants.tracked.settings.loss.dsim: unknown key; did you mean loss.dssim?"),
         (("checkpoint_every = 7", "seed = 7"), "settings.seed: every run has one of `seeds`, at the top of the file"),
         (("[settings]\ncheckpoint_every = 7", "settings = 3"), "settings: is a section; it cannot be the number 3"),

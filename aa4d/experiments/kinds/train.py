@@ -10,15 +10,22 @@ from aa4d.graph.call import Call
 from aa4d.graph.kinds import Kind
 from aa4d.graph.task import location
 from aa4d.methods.settings import RunSettings
+from aa4d.training.run_folder import what_counts
 
 REPORT_EVERY = 10  # iterations
 
 
 @dataclass(frozen=True)
 class Training:
-    settings: RunSettings
+    method: str
+    counts: dict[str, Any]  # of the settings: those that tell this run from others
     capture: str | None  # identity of the capture at `path`; None: the one that the task needs
+    settings: RunSettings = location()
     path: Path | None = location(None)
+
+    @staticmethod
+    def of(settings: RunSettings, capture: str | None, path: Path | None) -> Training:
+        return Training(settings.method, what_counts(settings), capture, settings, path)
 
 
 def iterations_of(settings: RunSettings) -> int:
