@@ -39,7 +39,7 @@ def test_a_row_of_pose_noise_says_how_far_off_the_cameras_were(toy_capture: Path
         {"level": 2.0},
         {"seed": 2},
         {"counts": what_counts(SHORT)},
-        {"capture": "another"},
+        {"capture": "x"},
     ]
     assert len({task.digest, *(digest(**change) for change in changes)}) == 5
     assert digest(path=tmp_path) == task.digest

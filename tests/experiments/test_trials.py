@@ -83,6 +83,11 @@ def test_a_capture_of_that_name_that_is_another_is_refused_and_more_seeds_are_ad
     rows = run_all(one, trials_of(one, [toy_capture], out, TINY, 2), out, 1, Quiet())
     assert [row["seed"] for row in rows] == [0, 1]
     index = json.loads((out / "experiment.json").read_text())
+    assert index["training"].pop("exposure") is False, "as a version wrote it that knew no such setting"
+    assert index["training"]["rates"].pop("exposures")
+    (out / "experiment.json").write_text(json.dumps(index))
+    run_all(one, trials_of(one, [toy_capture], out, TINY, 1), out, 1, Quiet())
+    index = json.loads((out / "experiment.json").read_text())
     assert (index["seeds"], index["training"]["fine_iterations"], list(index["captures"])) == ([0, 1], 4, ["capture"])
     with pytest.raises(InputError, match=r"holds runs with another training\.fine_iterations: 4 there, 5 asked for"):
         run_all(one, trials_of(one, [toy_capture], out, replace(TINY, fine_iterations=5), 1), out, 1, Quiet())
