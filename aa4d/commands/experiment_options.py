@@ -11,6 +11,14 @@ from tyro.conf import OmitArgPrefixes, arg
 from aa4d.commands.choices import name_in
 from aa4d.commands.settings_options import Assignments, Config
 
+Jobs = Annotated[int, arg(help="Number of runs in parallel; with several, each has one thread.")]
+EngineName = Annotated[
+    str,
+    name_in("aa4d.graph.engines", "ENGINES", "--engine"),
+    arg(help="inline: one task after the other. processes: some at a time. ray: on the machines of a Ray cluster."),
+]
+Address = Annotated[str | None, arg(metavar="HOST:PORT", help="Of the Ray cluster; auto: the one of this machine.")]
+
 
 @dataclass(frozen=True)
 class ExperimentOptions:
@@ -31,7 +39,9 @@ class ExperimentOptions:
         name_in("aa4d.commands.train", "MOTION", "--motion", "none"),
         arg(help="none: the paper's model. tracks: every variant with anchors that ride on found tracks."),
     ] = None
-    jobs: Annotated[int, arg(help="Number of runs in parallel; with several, each has one thread.")] = 1
+    jobs: Jobs = 1
+    engine: EngineName = "processes"
+    address: Address = None
 
 
 Options = OmitArgPrefixes[ExperimentOptions]

@@ -128,6 +128,7 @@ def evaluate(
     perceptual: Perceptual | None = None,
     *,
     device: DeviceName = "auto",
+    into: Path | None = None,
 ) -> Metrics:
     """Score `run`/model.safetensors; writes `metrics.json`, and the held-out renders and a plot into `run`/eval.
 
@@ -137,6 +138,7 @@ def evaluate(
         capture_folder: where the capture lies; None to follow the path in the model file.
         perceptual: LPIPS; None for AlexNet's, where its weights are at hand.
         device: where the model is rendered; images are compared on the CPU.
+        into: the folder to write into, instead of `run`.
 
     Raises:
         InputError: no model, no capture, a capture without held-out frames, tracks of another run, a second drone's
@@ -153,7 +155,8 @@ def evaluate(
     perceptual = perceptual or obtain(None)
     perceptual = perceptual.for_size(capture.camera.width, capture.camera.height)
     training = _spread(capture.of_split("train"), TRAINING_FRAMES)
-    out = run / "eval"
+    into = into or run
+    out = into / "eval"
     make_folder(out)
     second = second_capture(capture)
     views = [] if second is None else scored_frames(second, SECOND_DRONE_FRAMES)
@@ -238,7 +241,7 @@ def evaluate(
         identity=evaluation_identity(loaded, capture, second, list(perceptual.loaded), chosen.type),
     )
     plot_psnr(out / "psnr.png", metrics.as_json())
-    write_json(run / "metrics.json", metrics.as_json())
+    write_json(into / "metrics.json", metrics.as_json())
     return metrics
 
 

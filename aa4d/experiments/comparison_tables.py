@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from aa4d.experiments.runner import Outcome
+from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.tables import Spread, as_csv, as_markdown
-from aa4d.experiments.trial import Row, Trial
+from aa4d.experiments.trials import Outcome, Trial
 from aa4d.files import write_json, write_text
 
 POOLED = "all captures"

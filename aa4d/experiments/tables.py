@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
-from aa4d.experiments.trial import Row
+from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.variants import Experiment
 from aa4d.files import whole_file, write_text
 

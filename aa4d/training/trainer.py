@@ -36,7 +36,7 @@ from aa4d.training.movers import Movers
 from aa4d.training.optimiser import edit_units, make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
 from aa4d.training.riding import check_source, refuse_idle_rates
-from aa4d.training.run_folder import check_folder, claimed, run_identity, run_settings
+from aa4d.training.run_folder import check_folder, claimed, run_identity, run_settings, what_counts
 from aa4d.training.schedule import CLEAN, Schedule, schedule_of
 from aa4d.training.spent import Spent
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
@@ -105,16 +105,8 @@ def train(
 
 def description_of(capture: Capture, settings: RunSettings) -> dict[str, Any]:
     """What makes a run this one and no other: `config.json`. The settings may be resolved already."""
-    training = dataclasses.asdict(method_of(settings.method).resolved(settings, len(capture.frames)))
+    training = what_counts(method_of(settings.method).resolved(settings, len(capture.frames)))
     model = training.pop("model", {})
-    if settings.motion is None:  # as before there was such a setting
-        del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
-    if not settings.leave_out:  # likewise
-        del training["leave_out"]
-    if settings.true_depth == 0:
-        del training["true_depth"]
-    if not settings.exposure:
-        del training["exposure"], training["rates"]["exposures"]
     return run_settings(capture, settings.method, training, model)
 
 
