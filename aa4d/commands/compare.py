@@ -8,7 +8,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from aa4d.commands.choices import list_of, name_in
-from aa4d.commands.experiment_options import Address, EngineName, Jobs
+from aa4d.commands.experiment_options import ENGINE_HELP, Address, Jobs, engine_choice
 
 
 def compare(
@@ -31,7 +31,7 @@ def compare(
     ] = None,
     seeds: Annotated[int, arg(help="Runs of each method on each capture; they make the spread.")] = 2,
     jobs: Jobs = 1,
-    engine: EngineName = "processes",
+    engine: Annotated[str, engine_choice(), ENGINE_HELP] = "processes",
     address: Address = None,
 ) -> None:
     """Compare methods as the paper does: its table for these captures, pictures side by side, quality against cost.

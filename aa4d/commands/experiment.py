@@ -7,13 +7,13 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from aa4d.commands.experiment_options import Address, EngineName
+from aa4d.commands.experiment_options import ENGINE_HELP, Address, engine_choice
 
 
 def experiment(
     file: Annotated[Positional[Path], arg(help="Experiment file, for instance scenes/experiments/aggregation.toml.")],
     out: Annotated[Path, arg(help="Folder for captures, runs, scores and tables.")],
-    engine: EngineName = "processes",
+    engine: Annotated[str, engine_choice(), ENGINE_HELP] = "processes",
     jobs: Annotated[
         int | None, arg(metavar="INT", help="Tasks at a time; by default one, and on a cluster what it has room for.")
     ] = None,
