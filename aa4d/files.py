@@ -16,26 +16,58 @@ from aa4d.errors import InputError
 
 UNFINISHED = ".part"
 LOCK = ".lock"
+ROOM_BYTES = 1 << 16
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder; on success it replaces `path`, on any error nothing is left."""
-    # The ending is kept: some libraries choose the format by it.
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=f"{UNFINISHED}{path.suffix}")
-    os.close(handle)
-    temporary = Path(name)
+    """Yield a temporary path in the same folder; on success it replaces `path`, on any error nothing is left.
+
+    Raises:
+        OSError: it cannot be written, with its name. Where the disk is full, also instead of what a library says then.
+    """
+    with _named(path):
+        # The ending is kept: some libraries choose the format by it.
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=f"{UNFINISHED}{path.suffix}")
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            try:
+                yield temporary
+            except OSError:
+                raise
+            except Exception:
+                _check_room(temporary)
+                raise
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
+            # mkstemp makes files that only the owner reads; results are ordinary files.
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Let an OSError name `path` where it names nothing, or the temporary file in its place."""
     try:
-        yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        # mkstemp makes files that only the owner reads; results are ordinary files.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        yield
+    except OSError as error:
+        is_temporary = error.filename is not None and Path(str(error.filename)).name.startswith(f".{path.name}.")
+        if error.errno is None or not (error.filename is None or is_temporary):
+            raise
+        raise OSError(error.errno, error.strerror or os.strerror(error.errno), str(path)) from error
+
+
+def _check_room(unfinished: Path) -> None:
+    """Raises OSError where nothing more can be written to the file: libraries make errors of their own of that."""
+    with unfinished.open("ab") as file:
+        file.write(bytes(ROOM_BYTES))
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def remove_unfinished(folder: Path) -> None:
