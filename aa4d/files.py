@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import tempfile
@@ -17,6 +18,7 @@ from aa4d.errors import InputError
 UNFINISHED = ".part"
 LOCK = ".lock"
 ROOM_BYTES = 1 << 16
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -36,8 +38,8 @@ def whole_file(path: Path) -> Iterator[Path]:
                 yield temporary
             except OSError:
                 raise
-            except Exception:
-                _check_room(temporary)
+            except Exception as error:
+                _check_room(temporary, str(error))
                 raise
             with temporary.open("rb") as file:
                 os.fsync(file.fileno())
@@ -62,8 +64,14 @@ def _named(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or os.strerror(error.errno), str(path)) from error
 
 
-def _check_room(unfinished: Path) -> None:
-    """Raises OSError where nothing more can be written to the file: libraries make errors of their own of that."""
+def _check_room(unfinished: Path, said: str) -> None:
+    """Raises OSError where nothing more can be written to the file, of which libraries make errors of their own.
+
+    The sentence that they say may quote the system; and some have deleted what they wrote, so that there is room again.
+    """
+    for number in FULL:
+        if os.strerror(number) in said:
+            raise OSError(number, os.strerror(number))
     with unfinished.open("ab") as file:
         file.write(bytes(ROOM_BYTES))
         file.flush()

@@ -33,6 +33,13 @@ def test_what_a_library_says_of_a_full_disk_becomes_the_disks_own_error(tmp_path
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("model", "before")]
 
 
+def test_what_a_library_quotes_of_the_system_is_believed(tmp_path: Path) -> None:
+    """It may have deleted its file already: there is room again."""
+    with pytest.raises(OSError, match="No space left") as full, whole_file(tmp_path / "model"):
+        raise RuntimeError("Error while serializing: No space left on device (os error 28)")
+    assert full.value.errno == errno.ENOSPC
+
+
 def test_any_other_error_stays_what_it_is(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="of its own"), whole_file(tmp_path / "model") as temporary:
         temporary.write_text("half")
