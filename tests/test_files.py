@@ -9,6 +9,7 @@ from typing import IO, Any
 
 import pytest
 
+from aa4d import files
 from aa4d.files import whole_file
 
 
@@ -41,10 +42,25 @@ def test_what_a_library_quotes_of_the_system_is_believed(tmp_path: Path) -> None
 
 
 def test_any_other_error_stays_what_it_is(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="of its own"), whole_file(tmp_path / "model") as temporary:
+    def fail(temporary: Path) -> None:
         temporary.write_text("half")
         raise RuntimeError("of its own")
+
+    with pytest.raises(RuntimeError, match="of its own"), whole_file(tmp_path / "model") as temporary:
+        fail(temporary)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_killed_process_left_is_removed_and_what_is_being_written_stays(tmp_path: Path) -> None:
+    left = tmp_path / ".x.json.ab12_cd9.part.json"
+    mine = [tmp_path / name for name in (".notes.part", ".thesis.partial", ".x.json.ab12_cd9.part.txt", "x.part")]
+    for path in (left, *mine):
+        path.write_text("half")
+    with whole_file(tmp_path / "model") as temporary:
+        temporary.write_text("whole")
+        files.remove_unfinished(tmp_path)  # as another process would
+        assert temporary.exists()
+    assert {p.name for p in tmp_path.iterdir()} == {"model", *(path.name for path in mine)}
 
 
 def test_an_error_names_the_file_and_not_the_temporary_one(tmp_path: Path) -> None:

@@ -140,7 +140,8 @@ def read_checkpoint(path: Path) -> Any:
 
 def _resumable(state: Any) -> bool:
     """Whether training could go on: a step of its optimiser leaves the shapes alone."""
-    return finite(state.seconds) and 0 <= state.iteration < 2**63 and state.seconds >= 0
+    seconds = vars(state.spent).values()
+    return finite(*seconds) and 0 <= state.iteration < 2**63 and min(seconds) >= 0
 
 
 def write_tracks(folder: Folder) -> None:
