@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from aa4d.training.schedule import schedule_of
 
 Row = dict[str, float | str]
 RESULT = "trial.json"
+TEXTS = ("capture", "variant", "run", "version")  # of a row; all else in it is a number
 REPORT_EVERY = 10  # iterations
 ORPHANED_S = 0.5  # seconds from one look after the parent to the next
 
@@ -44,7 +46,7 @@ class Trial:
 
 
 def finished_row(trial: Trial, capture: Capture) -> Row | None:
-    """The row of a trial that has been run; None where it has not, or was scored by another version.
+    """The row of a trial that has been run; None where it has not, or its row is damaged or another version's.
 
     Args:
         capture: the one at `trial.capture`.
@@ -63,7 +65,19 @@ def finished_row(trial: Trial, capture: Capture) -> Row | None:
     row: Row = read_json_object(result, "the result of a trial")
     made_by = _made_by(description)
     # A row of an older version says neither: its run's settings have just been compared.
-    return row if all(row.get(key, value) == value for key, value in made_by.items()) else None
+    is_current = all(row.get(key, value) == value for key, value in made_by.items())
+    return row if is_current and _is_whole(row, trial) else None
+
+
+def _named(trial: Trial) -> Row:
+    return {"capture": trial.capture.name, "variant": trial.label, "seed": trial.seed}
+
+
+def _is_whole(row: Row, trial: Trial) -> bool:
+    """Whether a row that was read is one of this trial: what stands in none is measured again."""
+    values = [value for key, value in row.items() if key not in TEXTS]
+    are_numbers = all(isinstance(value, int | float) and abs(value) <= sys.float_info.max for value in values)
+    return are_numbers and "psnr" in row and _named(trial).items() <= row.items()
 
 
 def _made_by(settings: dict[str, Any]) -> dict[str, str]:
@@ -88,8 +102,7 @@ def run_trial(trial: Trial, progress: Callable[[int], None]) -> Row:
     train(capture, trial.out, trial.settings, tell)
     metrics = evaluate(trial.out, trial.capture, lambda *_: None).as_json()
     made_by = _made_by(description_of(capture, trial.settings))
-    named: Row = {"capture": trial.capture.name, "variant": trial.label, "seed": trial.seed}
-    row = named | numbers(metrics) | made_by
+    row = _named(trial) | numbers(metrics) | made_by
     write_json(trial.out / RESULT, row)
     return row
 
