@@ -64,8 +64,8 @@ def run(names: list[str], titles: Mapping[str, str], write: Path | None) -> bool
             console.print(row(outcome), highlight=False, soft_wrap=True)
     console.print(summary(outcomes), highlight=False)
     if write is not None:
-        is_known = (write.parent / FOLDER / "long-run.json").is_file()
-        write_text(write, as_markdown(outcomes, titles, long_run=is_known))
+        has_measured = (write.parent / FOLDER).is_dir()
+        write_text(write, as_markdown(outcomes, titles, measured=has_measured))
         write_text(write, rendered(write))
     return all(outcome.passes for outcome in outcomes)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import sys
@@ -127,7 +128,8 @@ def trial_process(trial: Trial, threads: int | None, parent: Connection) -> None
     parent is gone, so that the same command finds the run's folder free.
     """
     os.setpgrp()
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    starter = multiprocessing.parent_process()  # it may be gone already: then somebody else is the parent
+    threading.Thread(target=_end_with, args=(starter and starter.pid,), daemon=True).start()
     try:
         import torch
 
@@ -146,7 +148,7 @@ def trial_process(trial: Trial, threads: int | None, parent: Connection) -> None
         raise
 
 
-def _end_with(parent: int) -> None:
+def _end_with(parent: int | None) -> None:
     """A run is whole on disk at every moment: to stop at once loses what follows its last checkpoint."""
     while os.getppid() == parent:
         time.sleep(ORPHANED_S)

@@ -20,7 +20,7 @@ sanitize-threads` its thread pool under ThreadSanitizer, and `make fuzz` gives e
 write, and kills it at random moments.
 """
 
-LONG_RUN = """
+MEASURED = """
 ## A long run
 
 30,000 iterations on a capture that code makes to be hostile: poles and wires thinner than a pixel, sky, a white and a
@@ -31,6 +31,16 @@ magnitudes of some parameter groups, in the picture those of all.
 ![Loss and largest magnitudes over the iterations](images/long-run.png)
 
 <!-- measured: long-run -->
+<!-- end -->
+
+## Full disks, folders that may not be written, and `kill -9`
+
+Each command on small inputs, on a file system that holds too few bytes or too few files at places spread over all that
+it writes, on one that is read-only, and in folders without permission: it has to say so in one sentence with exit code
+2, leave nothing half-written and what was there as it was, and come to the same result once there is room. And killed
+at random moments, after which the same command has to come to the same result.
+
+<!-- measured: faults -->
 <!-- end -->
 """
 
@@ -51,8 +61,8 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     return f"{len(outcomes)} cases, {failed} failed, {seconds:.0f} s"
 
 
-def as_markdown(outcomes: Sequence[Outcome], titles: Mapping[str, str], *, long_run: bool = False) -> str:
-    """The page, a section for each part, by its title; and one with the place of the long run's table."""
+def as_markdown(outcomes: Sequence[Outcome], titles: Mapping[str, str], *, measured: bool = False) -> str:
+    """The page, a section for each part, by its title; and those of the measured tables."""
     lines = [HEAD, f"{summary(outcomes)} in all."]
     for part in dict.fromkeys(outcome.case.part for outcome in outcomes):
         own = [outcome for outcome in outcomes if outcome.case.part == part]
@@ -71,7 +81,7 @@ def as_markdown(outcomes: Sequence[Outcome], titles: Mapping[str, str], *, long_
             before = about
             cells = (case.name, *said, number(outcome.error), number(case.bound), f"{outcome.seconds:.2f}")
             lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
-    return "\n".join(lines) + "\n" + (LONG_RUN if long_run else "")
+    return "\n".join(lines) + "\n" + (MEASURED if measured else "")
 
 
 def number(value: float) -> str:
