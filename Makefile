@@ -73,6 +73,8 @@ sanitize: $(VENV)/installed
 	$(BIN)/cmake --build build/sanitize --parallel $(JOBS)
 	$(SANITIZED) $(BIN)/python -m pytest tests/kernels tests/raster
 	$(SANITIZED) $(BIN)/python -m pytest -m "not slow" -k "$(NATIVE_CASES)" tests/hard_cases
+	AA4D_SIMD=portable $(SANITIZED) $(BIN)/python -m pytest tests/kernels tests/raster
+	AA4D_SIMD=portable $(SANITIZED) $(BIN)/python -m pytest -m "not slow" -k "$(NATIVE_CASES)" tests/hard_cases
 
 # ThreadSanitizer of some gcc versions does not start where addresses are randomized widely: setarch turns that off.
 sanitize-threads:

@@ -44,7 +44,7 @@ def _of_run(name: str, *line: str) -> Command:
     return Command(name, line, has_run=True)
 
 
-CAPTURE = ("--movers", "off", "--threads", "1", "--fps", "10", "--set", "features=800", "--longest-px", "320")
+CAPTURE = ("--movers", "off", "--threads", "1", "--fps", "10", "--set", "reconstruction.features=800", "--longest-px", "320")
 COMMANDS = (
     Command("synth", ("synth", "{inputs}/scene.toml", "--out", "{disk}/capture")),
     Command("synth-workers", ("synth", "{inputs}/scene.toml", "--out", "{disk}/capture", "--workers", "2")),
