@@ -40,6 +40,7 @@ EVERY = 100  # iterations from one look at the parameters to the next
 CANONICAL_SHARE = 0.1  # of the iterations
 MOST_ANCHORS = 1500
 SHOWN_ROWS = 12
+COLORS = 10  # of matplotlib, after which they repeat
 
 
 class Norms:
@@ -133,11 +134,12 @@ def figure_of(rows: list[dict[str, Any]]) -> Figure:
         above.plot(steps, [row[key] for row in rows], label=f"{label} of {EVERY} iterations")
     above.set(ylabel="loss", yscale="log")
     above.legend(fontsize=8)
-    for name in dict.fromkeys(name for row in rows for name in row["groups"]):
+    names = dict.fromkeys(name for row in rows for name in row["groups"])
+    for number, name in enumerate(names):
         found = [(row["step"], row["groups"][name]["largest"]) for row in rows if name in row["groups"]]
-        below.plot(*zip(*found, strict=True), label=name)
+        below.plot(*zip(*found, strict=True), "--" if number >= COLORS else "-", label=name)
     below.set(xlabel="iteration", ylabel="largest magnitude", yscale="log")
-    figure.legend(loc="outside lower center", ncols=5, fontsize=8)
+    figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8)
     for axes in (above, below):
         axes.grid(alpha=0.3)
     return figure

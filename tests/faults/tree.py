@@ -16,6 +16,7 @@ from PIL import Image
 from plyfile import PlyData
 from safetensors.numpy import load_file
 
+DAMAGED = "damaged"
 # Of files that say how long something took or when it was made.
 TIMES = re.compile(r"seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes")
 # Their content is not compared: what is in them stands in other files too, beside times and paths.
@@ -46,10 +47,17 @@ def is_whole(path: Path) -> bool:
 
 
 def contents(root: Path) -> dict[str, Any]:
-    """What every file under `root` holds, by its path, but for hidden ones and for times."""
+    """What every file under `root` holds, by its path, but for hidden ones and times; DAMAGED for one that is so."""
     paths = (path for path in sorted(root.rglob("*")) if path.is_file())
     names = {path.relative_to(root).as_posix(): path for path in paths}
-    return {name: content(path) for name, path in names.items() if not NOT_COMPARED.search(name)}
+    return {name: _content_or_damaged(path) for name, path in names.items() if not NOT_COMPARED.search(name)}
+
+
+def _content_or_damaged(path: Path) -> Any:
+    try:
+        return content(path)
+    except Exception:  # of any library
+        return DAMAGED
 
 
 def content(path: Path) -> Any:
