@@ -12,7 +12,7 @@ SANITIZED = LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-n
 	ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc OMP_NUM_THREADS=1 \
 	PYTHONPATH=tests/sanitizers AA4D_NATIVE=$$(echo $(abspath build/sanitize)/_native*.so)
 
-.PHONY: help demo test test-slow lint extension bench-addon stress sanitize sanitize-threads fuzz clean
+.PHONY: help demo test test-slow lint extension bench-addon stress sanitize sanitize-threads fuzz faults long-run clean
 
 help:
 	@echo "make demo       the main job on scenes/crossroads.toml; the result is in demo/"
@@ -24,6 +24,8 @@ help:
 	@echo "make sanitize   kernels and rasteriser under AddressSanitizer and UndefinedBehaviorSanitizer (gcc; minutes)"
 	@echo "make sanitize-threads  the thread pool under ThreadSanitizer (gcc)"
 	@echo "make fuzz       damaged files for every reader; COUNT=10000 of each, at most BUDGET=1800 seconds in all"
+	@echo "make faults     every command on full disks, in folders it may not write, and killed (Linux; an hour)"
+	@echo "make long-run   30,000 iterations on a hostile capture, into dist/long-run (half an hour)"
 	@echo "make clean      remove .venv, demo/ and everything built"
 
 # The stamp is newer than what the installation depends on: a second run installs nothing.
@@ -71,6 +73,8 @@ sanitize: $(VENV)/installed
 	$(BIN)/cmake --build build/sanitize --parallel $(JOBS)
 	$(SANITIZED) $(BIN)/python -m pytest tests/kernels tests/raster
 	$(SANITIZED) $(BIN)/python -m pytest -m "not slow" -k "$(NATIVE_CASES)" tests/hard_cases
+	AA4D_SIMD=portable $(SANITIZED) $(BIN)/python -m pytest tests/kernels tests/raster
+	AA4D_SIMD=portable $(SANITIZED) $(BIN)/python -m pytest -m "not slow" -k "$(NATIVE_CASES)" tests/hard_cases
 
 # ThreadSanitizer of some gcc versions does not start where addresses are randomized widely: setarch turns that off.
 sanitize-threads:
@@ -83,6 +87,16 @@ COUNT ?= 10000
 BUDGET ?= 1800
 fuzz: $(VENV)/installed
 	$(BIN)/python -W ignore -m tests.fuzz --count $(COUNT) --budget $(BUDGET)
+
+# Full disks need a file system of their own: root, or user namespaces.
+PLACES ?= 8
+MOMENTS ?= 4
+faults: $(VENV)/installed
+	$(BIN)/python -W ignore -m tests.faults.full --places $(PLACES)
+	$(BIN)/python -W ignore -m tests.faults.kill --moments $(MOMENTS)
+
+long-run: $(VENV)/installed
+	$(BIN)/python -m aa4d.stress.long_run --out dist/long-run
 
 clean:
 	rm -rf $(VENV) .venv-blender* build dist demo .pytest_cache .mypy_cache .ruff_cache

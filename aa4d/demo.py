@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -130,7 +129,7 @@ def stages(
         for folder in (run, paper) if compares else (run,):
             with step_progress("held-out frames") as progress:
                 evaluate(folder, capture, progress)
-        shutil.copyfile(run / "metrics.json", metrics)
+        write_json(metrics, read_json_object(run / "metrics.json", "the metrics of an evaluation"))
 
     def package() -> None:
         check(run_forwarding_interrupts([sys.executable, str(script("addon/build_extension.py")), str(extension)]))

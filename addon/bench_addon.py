@@ -290,7 +290,12 @@ def main() -> int:
         if options.model is not None:
             result["accuracy"] = accuracy(module, options.model)
     options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps(result, indent=1))
+    partial = options.json.with_name(f".{options.json.name}.part")
+    try:
+        partial.write_text(json.dumps(result, indent=1))
+        os.replace(partial, options.json)
+    finally:
+        partial.unlink(missing_ok=True)
     print(table(result["rows"]))
     if "accuracy" in result:
         print(f"\n{table(result['accuracy'])}")

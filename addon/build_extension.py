@@ -10,7 +10,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -44,8 +43,11 @@ def build(out: Path) -> None:
     command = extension_command()
     out = out.resolve()
     out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".extension-") as folder:
-        stage, built = Path(folder, "stage"), Path(folder, "built.zip")
+    folder = out.with_name(f".{out.name}.part")
+    shutil.rmtree(folder, ignore_errors=True)  # of a killed process
+    folder.mkdir()
+    try:
+        stage, built = folder / "stage", folder / "built.zip"
         shutil.copytree(ROOT / "addon", stage, ignore=shutil.ignore_patterns(*DEVELOPERS_ONLY))
         for name in ("blender_manifest.toml", "LICENSE"):
             shutil.copy(ROOT / name, stage)
@@ -55,6 +57,8 @@ def build(out: Path) -> None:
         ):
             subprocess.run(command + arguments, check=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         os.replace(built, out)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def main() -> int:

@@ -67,7 +67,7 @@ def export_usd(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
     if not seen.any():
         raise OSError(NOTHING_SHOWN)
     cloud = _cloud(obj, context, moments, seen, frames[0])
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    partial = path.with_name(f".{path.stem}.part{path.suffix}")  # what a killed process left is written over
     kept = scene.frame_start, scene.frame_end
     try:
         scene.frame_start, scene.frame_end = frames[0], frames[-1]

@@ -18,6 +18,7 @@ FARTHEST_MODEL_M = 2 * FARTHEST_M  # learning moves what is shown on from points
 MOST_PX = 16_384  # along a side
 LARGEST_K = 1e6  # pixels
 FASTEST_FPS = 1000.0
+LATEST_S = 1e11
 LONGEST_NAME = 200  # characters of a group's name, bytes of a frame's
 
 
@@ -79,7 +80,8 @@ def poses_and_images(frames: Any) -> tuple[Doubles, tuple[str, ...]]:
         inside = isinstance(image, str) and image and not set(image) & set("\\:") and image[0] != "/"
         require(inside and ".." not in image.split("/"), f"image of frame {rank} must be a path in the capture")
         seconds.append(number(frame["time_s"], f"time_s of frame {rank}"))
-        require(seconds[-2] < seconds[-1], f"time_s of frame {rank} must rise")
+        rises = seconds[-2] < seconds[-1] and abs(seconds[-1]) <= LATEST_S
+        require(rises, f"time_s of frame {rank} must rise within {LATEST_S:g} s")
         times.append(number(frame["t"], f"t of frame {rank}"))
         require(times[-2] < times[-1] and 0 <= times[-1] <= 1, f"t of frame {rank} must rise within [0, 1]")
         require(frame["split"] in ("train", "test"), f"split of frame {rank} must be train or test")

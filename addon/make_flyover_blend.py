@@ -22,6 +22,7 @@ SAMPLES = 16  # the materials only emit: samples smooth edges, there is no light
 GAUSSIAN_SAMPLES = 4  # a sample passes through dozens of Gaussians; what noise is left, denoising takes out
 FAINTEST = 0.05  # the modifier's own default for Minimum Opacity
 REPOSITORY = "aa4d_flyover"
+SCRATCH_BYTES = 16 << 20  # for the unpacked extension and what Blender keeps beside it
 
 
 def arguments() -> argparse.Namespace:
@@ -82,6 +83,12 @@ def make(options: argparse.Namespace, scratch: str) -> None:
     Raises:
         RuntimeError, OSError: an unusable model or extension, a folder that cannot be written.
     """
+    # Blender says nothing of a full disk when it installs what it cannot write.
+    if shutil.disk_usage(scratch).free < SCRATCH_BYTES:
+        raise OSError(
+            f"{scratch}: less than {SCRATCH_BYTES >> 20} MiB are free; free some space there, or set TMPDIR to a "
+            "folder on another disk"
+        )
     import bpy
 
     stop_if_asked()
@@ -264,7 +271,7 @@ def main() -> int:
             with quiet():
                 make(options, scratch)
         except (RuntimeError, OSError) as error:
-            print(str(error).strip(), file=sys.stderr)
+            print(" ".join(str(error).split()), file=sys.stderr)
             return 2
     print(f"Saved {options.out}")
     if options.render is not None:

@@ -38,7 +38,7 @@ def write_ply(path: Path, positions: Floats, srgb: Floats, opacity: Floats, scal
         + [f"property float {name}" for name in PROPERTIES]
         + ["end_header\n"]
     )
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial = path.with_name(f".{path.name}.part")  # what a killed process left is written over
     try:
         with partial.open("wb") as file:
             file.write(header.encode())

@@ -12,7 +12,7 @@ TEMPORARY_SUFFIX = ".part"
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file that is never seen half-written, even after a crash."""
+    """Write a file that is never seen half-written, even after a crash. Raises OSError with its name."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + TEMPORARY_SUFFIX)
     try:
@@ -21,6 +21,9 @@ def write_bytes(path: Path, content: bytes) -> None:
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from error
     except BaseException:  # Ctrl-C too
         temporary.unlink(missing_ok=True)
         raise

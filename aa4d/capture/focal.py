@@ -18,6 +18,7 @@ from typing import Any
 
 import pycolmap
 
+from aa4d.capture.colmap import TO_GO_ON_BYTES, check_space
 from aa4d.capture.settings import Reconstruction
 
 STARTS_DEG = (30.0, 45.0, 75.0, 95.0)  # fields of view across the longest side; the usual guess comes before them
@@ -161,7 +162,7 @@ def _agree(one: Tried, other: Tried) -> bool:
 
 
 def map_globally(database: Path, images: Path, names: list[str], seed: int, threads: int, folder: Path) -> Any:
-    """The largest model of COLMAP's global mapper; None where it finds none, or fails."""
+    """The largest model of COLMAP's global mapper; None where it finds none, or fails. OSError: the disk is full."""
     folder.mkdir(parents=True, exist_ok=True)
     copy = folder / "database.db"  # it writes the focal length that it estimates
     shutil.copyfile(database, copy)
@@ -174,6 +175,7 @@ def map_globally(database: Path, images: Path, names: list[str], seed: int, thre
         return None
     found = [path.parent for path in folder.glob("*/images.bin")]
     if ended.returncode or not found:
+        check_space(folder, TO_GO_ON_BYTES)  # a full disk is no verdict on the footage
         return None
     models = [pycolmap.Reconstruction(path) for path in found]
     largest = max(models, key=lambda model: model.num_reg_images())

@@ -21,6 +21,7 @@ RECENTER = "move the scene to a local origin"
 MAX_SIDE_PX = 16_384  # a slip of the keyboard should not fill the memory
 MAX_FOCAL_PX = 1e6
 MAX_FPS = 1000.0
+LATEST_S = 1e11  # seconds since 1970 are a clip's time too
 MAX_NAME_BYTES = 200  # with its ending and a prefix it must fit what file systems take
 
 
@@ -167,6 +168,8 @@ def check_frames(frames: tuple[Frame, ...], index: Path, *, to_train: bool = Tru
     for frame in frames:
         if not 0.0 <= frame.t <= 1.0:
             raise InputError(f"{index}: t of frame {frame.name!r} is {frame.t}, outside [0, 1]")
+        if abs(frame.time_s) > LATEST_S:
+            raise InputError(f"{index}: time_s of frame {frame.name!r} is {frame.time_s:g}, over {LATEST_S:g} seconds")
 
 
 def path_inside(value: Any, what: str, index: Path) -> str:

@@ -8,7 +8,6 @@ stopped under the same digest.
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import shutil
@@ -19,9 +18,8 @@ from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
 from aa4d.errors import InputError
-from aa4d.files import write_json
+from aa4d.files import FULL, write_json
 
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # Called by a step for whoever watches: units done, units in all (None while unknown).
 Progress = Callable[[int, int | None], None]
 

@@ -51,6 +51,7 @@ def run(names: list[str], titles: Mapping[str, str], write: Path | None) -> bool
     """Print, and perhaps write, the table of some parts; True where all pass."""
     import torch
 
+    from aa4d.experiments.documents import FOLDER, rendered
     from aa4d.stress.page import as_markdown, row, summary
     from aa4d.stress.runner import run_cases
 
@@ -63,7 +64,9 @@ def run(names: list[str], titles: Mapping[str, str], write: Path | None) -> bool
             console.print(row(outcome), highlight=False, soft_wrap=True)
     console.print(summary(outcomes), highlight=False)
     if write is not None:
-        write_text(write, as_markdown(outcomes, titles))
+        has_measured = (write.parent / FOLDER).is_dir()
+        write_text(write, as_markdown(outcomes, titles, measured=has_measured))
+        write_text(write, rendered(write))
     return all(outcome.passes for outcome in outcomes)
 
 

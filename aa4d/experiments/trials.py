@@ -125,14 +125,16 @@ def claim(experiment: Experiment, trials: list[Trial], captures: dict[Path, Capt
     if different is not None:
         raise InputError(f"{out}: holds runs with another {different}; choose another --out, or delete that folder")
     named = {folder.name: capture.identity.digest() for folder, capture in captures.items()}
-    before = index.get("captures", {})
+    before, earlier = index.get("captures", {}), index.get("seeds", [])
+    if not isinstance(before, dict) or not isinstance(earlier, list) or not all(type(s) is int for s in earlier):
+        raise InputError(f"{out / INDEX}: is damaged; delete it to go on with the runs that are there")
     for folder in captures:
         if before.get(folder.name, named[folder.name]) != named[folder.name]:
             raise InputError(
                 f"{out}: its runs of {folder.name} were made from another capture than {folder} is now; choose another "
                 "--out, or delete that folder"
             )
-    seeds = sorted({*index.get("seeds", []), *(trial.seed for trial in trials)})
+    seeds = sorted({*earlier, *(trial.seed for trial in trials)})
     return index | {"training": training, "captures": before | named, "seeds": seeds}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import statistics
 import time
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from rich.table import Table
 from torch import Tensor
 
 from aa4d import _native
+from aa4d.files import write_json
 from aa4d.raster import Camera, Gaussians, Options, rasterize, reference
 from aa4d.raster.cutoffs import CUTOFFS, Cutoffs
 from aa4d.raster.native import draw
@@ -86,7 +86,7 @@ def bench(
     console.print(_speed_table(rows))
     result = [asdict(row) for row in rows]
     if json_path is not None:
-        json_path.write_text(json.dumps(result, indent=1) + "\n")
+        write_json(json_path, result)
     return result
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from aa4d.files import read_json_object
+from aa4d.files import read_json_object, whole_file
 
 ACTIVITY_COLORS = ("#3b4252", "#f2a33a", "#d9412b", "#5aa9e6", "#e8ebf0")  # by label
 
@@ -46,7 +46,8 @@ def plot(measured: Path, picture: Path) -> None:
     named = zip(CLASSES, ACTIVITY_COLORS, strict=True)
     patches = [Patch(facecolor=color, edgecolor="#999999", label=name) for name, color in named]
     figure.legend(handles=patches, loc="outside lower right", ncols=len(patches), fontsize=9, frameon=False)
-    figure.savefig(picture, dpi=110)
+    with whole_file(picture) as temporary:
+        figure.savefig(temporary, format="jpg", dpi=110)
 
 
 def flow_colors(flow: Any) -> Any:

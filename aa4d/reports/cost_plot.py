@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from aa4d.files import read_json_object
+from aa4d.files import read_json_object, whole_file
 
 
 def plot(measured: Path, picture: Path) -> None:
@@ -31,7 +31,8 @@ def plot(measured: Path, picture: Path) -> None:
     blur.set_xticks([row["steps"] for row in found["motion_blur"]])
     blur.set(xlabel="steps (motion in 2^steps pieces)", ylabel="PSNR (dB)", title="motion blur")
     _bars(effects, found["effects"])
-    figure.savefig(picture, dpi=110)
+    with whole_file(picture) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)
 
 
 def _bars(axes: Any, rows: list[dict[str, Any]]) -> None:

@@ -68,7 +68,9 @@ def check_folder(out: Path, wanted: dict[str, Any]) -> None:
             f"{out}: holds a run with another {difference(found['method'], wanted['method'], 'method')} (see {path}); "
             "choose a new folder with --out, or delete that one"
         )
-    rides, is_to_ride = (bool(s.get("training", {}).get("motion")) for s in (found, wanted))
+    if not isinstance(found.get("training"), dict):
+        raise InputError(f"{path}: is damaged (no settings of a training); put the run's own back, or delete {out}")
+    rides, is_to_ride = (bool(s["training"].get("motion")) for s in (found, wanted))
     if rides != is_to_ride:
         names = {True: "--motion tracks", False: "--motion none"}
         raise InputError(

@@ -48,6 +48,8 @@ def read_passes(path: Path) -> dict[str, NDArray[np.float32]]:
     while source.seek_subimage(part, 0):
         spec = source.spec()
         pixels = source.read_image(part, 0, 0, spec.nchannels, "float")
+        if pixels is None:
+            raise RuntimeError(f"{path}: Blender's render is cut short")
         for number, name in enumerate(spec.channelnames):
             # "ViewLayer.Depth.Z" or, in a part of its own, "Depth.Z"
             passes[".".join(name.split(".")[-2:])] = np.ascontiguousarray(pixels[..., number])

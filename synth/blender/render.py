@@ -12,6 +12,7 @@ import bpy
 
 from synth.blender.materials import INSTANCE
 from synth.blender.passes import add_class_pass, needs_normals, read_passes
+from synth.errors import InputError
 from synth.interrupts import interrupt_deferred
 from synth.plan import Plan
 from synth.shutter import Shutter
@@ -38,11 +39,18 @@ class Renderer:
     def _render(self, scene: Any) -> dict[str, Any]:
         path = self.scratch / f"{scene.name}.exr"
         scene.render.filepath = str(path)
-        with interrupt_deferred():
-            bpy.ops.render.render(write_still=True, scene=scene.name)
-        passes = read_passes(path)
-        path.unlink()
-        return passes
+        try:
+            with interrupt_deferred():
+                bpy.ops.render.render(write_still=True, scene=scene.name)
+            return read_passes(path)
+        except RuntimeError as error:  # Blender's word for a disk that is full
+            reason = str(error).strip().splitlines()[-1].removeprefix("Error: ")
+            raise InputError(
+                f"{self.scratch}: Blender could not write what it rendered ({reason}); free some space there, or set "
+                "TMPDIR to a folder on another disk, and run the same command again."
+            ) from None
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def make_renderer(scene: Any, plan: Plan, scratch: Path) -> Renderer:

@@ -402,6 +402,7 @@ BAD_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
         with_information(lambda info: info["camera"].update(distortion={"k1": 0.1})),
         "camera",
     ),
+    "seconds of no clip": (with_information(lambda info: info["frames"][-1].update(time_s=1e300)), "time_s of frame"),
     "seconds that go back": (with_information(lambda info: info["frames"][2].update(time_s=0.0)), "time_s of frame 2"),
     "another camera": (with_information(lambda info: info["camera"].update(model="FISHEYE")), "PINHOLE"),
     "a camera without K": (with_information(lambda info: info["camera"].pop("K")), "K"),

@@ -59,6 +59,7 @@ def test_moving_pixels_are_those_of_instances_that_move_at_that_frame(toy_captur
         (lambda d: d["frames"][3].update(image="/etc/passwd"), "leaves the capture folder"),
         (lambda d: d["frames"][3].update(split="validation"), 'expected "train" or "test"'),
         (lambda d: d["frames"][3].update(t=0.0), "does not follow"),
+        (lambda d: d["frames"][-1].update(time_s=1e300), "over 1e+11 seconds"),
         (lambda d: d["frames"][3].update(time_s=0.1), "time_s of frame '000003' does not follow"),
         (lambda d: d["frames"][3].update(t=math.inf), "finite number"),
         (lambda d: d["frames"][3].update(name="000002"), "duplicate frame name"),

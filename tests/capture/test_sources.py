@@ -359,6 +359,7 @@ SHEARED = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # its dete
         (lambda d: d.update(fl_x=10**400), "frame 0 cannot be understood"),
         (lambda d: d["frames"][0]["transform_matrix"][0].__setitem__(3, 10**400), "frame 0 cannot be understood"),
         (lambda d: d["frames"][0].update(file_path=7), "file_path is no text"),
+        (lambda d: d["frames"][0].update(file_path="\ud800.png"), "file_path is no text"),
         (lambda d: d.update(k4=0.1), "k4 is not supported; undistort the pictures first"),
         (lambda d: d.update(is_fisheye=True), "camera_model a fisheye is not supported"),
         (lambda d: d["frames"][3].update(time=math.nan), "time is nan"),

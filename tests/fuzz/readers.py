@@ -17,18 +17,26 @@ import numpy as np
 import torch
 
 from aa4d.capture.annotations import read_annotations
+from aa4d.capture.content import check_content, digests_of
 from aa4d.capture.gnss import read_subtitles
 from aa4d.capture.reader import read_capture
 from aa4d.capture.sources.transforms import read_transforms
 from aa4d.errors import InputError
+from aa4d.experiments.kinds.trial import KIND as TRIAL_KIND
+from aa4d.experiments.tables import cells, columns_of, lines_of
+from aa4d.experiments.trials import Trial, claim, task_of, trials_of
+from aa4d.experiments.variants import SWEEPS
+from aa4d.files import write_json
 from aa4d.filming.camera_path import read_camera_path
 from aa4d.methods.adaanchor4d.settings import PRESETS
 from aa4d.methods.model_file import LoadedModel, load_model
+from aa4d.methods.settings import with_iterations
 from aa4d.motion.tracks_file import load_tracks
 from aa4d.settings.given import Given
 from aa4d.settings.toml import as_toml
 from aa4d.training.checkpoints import load_checkpoint
 from aa4d.training.history import COLUMNS, History
+from aa4d.training.trainer import description_of
 from synth.errors import InputError as SceneError
 from synth.spec import read_scene
 from tests.addon.model_files import make_model
@@ -38,6 +46,7 @@ from tests.toy_capture import write_toy_capture
 
 ROOT = Path(__file__).resolve().parents[2]
 Folder = Path
+TRIAL = "capture/gamma-1/seed0"
 
 
 @dataclass(frozen=True)
@@ -140,7 +149,8 @@ def read_checkpoint(path: Path) -> Any:
 
 def _resumable(state: Any) -> bool:
     """Whether training could go on: a step of its optimiser leaves the shapes alone."""
-    return finite(state.seconds) and 0 <= state.iteration < 2**63 and state.seconds >= 0
+    seconds = vars(state.spent).values()
+    return finite(*seconds) and 0 <= state.iteration < 2**63 and min(seconds) >= 0
 
 
 def write_tracks(folder: Folder) -> None:
@@ -190,6 +200,11 @@ def read_positions(path: Path) -> Any:
     return track if track is None else (track, track.at(2.5))
 
 
+def write_checksums(folder: Folder) -> None:
+    copy_toy_capture(folder)
+    write_json(folder / "checksums.json", digests_of(folder))
+
+
 def write_settings(folder: Folder) -> None:
     (folder / "run.toml").write_text(as_toml(PRESETS["quick"], "settings"))
 
@@ -202,6 +217,44 @@ def read_settings(path: Path) -> Any:
 def write_history(folder: Folder) -> None:
     rows = [",".join(COLUMNS), *(f"{20 * i},coarse,{20 * i},0.1,{20 + i},100,{i}.5" for i in range(1, 6))]
     (folder / "history.csv").write_text("\n".join(rows) + "\n")
+
+
+def _trials(folder: Folder) -> list[Trial]:
+    settings = with_iterations(PRESETS["quick"], 4, 4)
+    return trials_of(SWEEPS["gamma"], [_toy()], folder, settings, 1)
+
+
+@cache
+def _toy_capture() -> Any:
+    return read_capture(_toy())
+
+
+def read_experiment(path: Path) -> Any:
+    trials = _trials(path.parent)
+    return claim(SWEEPS["gamma"], trials, {trials[0].capture: _toy_capture()}, path.parent)
+
+
+def write_experiment(folder: Folder) -> None:
+    index = read_experiment(folder / "experiment.json")
+    write_json(folder / "experiment.json", index)
+
+
+def write_trial(folder: Folder) -> None:
+    trial = _trials(folder)[0]
+    trial.out.mkdir(parents=True)
+    write_json(trial.out / "config.json", description_of(_toy_capture(), trial.settings))
+    row = {"capture": trial.capture.name, "variant": trial.label, "seed": trial.seed, "psnr": 20.5, "lpips.alex": 0.25}
+    write_json(trial.out / "trial.json", row)
+
+
+def read_trial(path: Path) -> Any:
+    trial = _trials(path.parents[3])[0]
+    assert TRIAL_KIND.kept is not None
+    kept = TRIAL_KIND.kept(task_of(trial, _toy_capture(), path.parents[3]), trial.out)
+    if kept is None:
+        return None
+    row = kept.result
+    return (row, [cells(line, columns_of([row])) for line in lines_of(SWEEPS["gamma"], [row])])
 
 
 def write_scene(folder: Folder) -> None:
@@ -231,6 +284,12 @@ READERS = (
            lambda p: read_camera_path(p, _loaded(p.parent / "model.safetensors")), InputError,
            lambda path: finite(path.fps, *(v.viewmat for v in path.views)) and all(0 <= v.t <= 1 for v in path.views)),
     Reader("settings", "run.toml", write_settings, mutate.of_toml, read_settings, InputError),
+    Reader("experiment", "experiment.json", write_experiment, mutate.of_json, read_experiment, InputError),
+    Reader("run", f"{TRIAL}/config.json", write_trial, mutate.of_json, read_trial, InputError),
+    Reader("trial", f"{TRIAL}/trial.json", write_trial, mutate.of_json, read_trial, InputError,
+           lambda found: found is None or finite(*(v for v in found[0].values() if not isinstance(v, str)))),
+    Reader("checksums", "checksums.json", write_checksums, mutate.of_json, lambda p: check_content(p.parent),
+           InputError),
     Reader("history", "history.csv", write_history, mutate.of_text,
            lambda p: History(p.parent, 60, tensorboard=False), InputError),
 )  # fmt: skip

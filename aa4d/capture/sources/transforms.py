@@ -60,7 +60,7 @@ def read_transforms(path: Path) -> Transforms:
     times: dict[str, float] = {}
     for number, frame in enumerate(frames, 1):
         try:
-            if not isinstance(frame["file_path"], str):
+            if not isinstance(frame["file_path"], str) or not _is_text(frame["file_path"]):
                 raise TypeError("file_path is no text")
             name = _with_ending(frame["file_path"].removeprefix("./"), path.parent)
             key = _camera_values({**document, **frame}, path.parent / name, path)
@@ -91,6 +91,11 @@ def read_transforms(path: Path) -> Transforms:
     unread = sorted({*document, *(key for frame in frames for key in frame)} - READ - IDLE)
     notes = [f"not used of {path.name}: {', '.join(unread)}"] if unread else []
     return Transforms(model, times, notes)
+
+
+def _is_text(value: str) -> bool:
+    """False where it holds half a character, which JSON can write and no file name has."""
+    return value == value.encode(errors="replace").decode()
 
 
 def _with_ending(name: str, folder: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from aa4d.methods.settings import RunSettings
 from aa4d.training.run_folder import check_folder, run_identity
 
 RESULT = "trial.json"
+TEXTS = ("capture", "variant", "run", "version")  # of a row; all else in it is a number
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,11 @@ class TrialRun:
         """The run and the version that a row was measured with."""
         return {"run": self.run, "version": __version__}
 
+    @property
+    def named(self) -> Row:
+        """What a row begins with."""
+        return {"capture": self.capture.name, "variant": self.label, "seed": self.seed}
+
     @staticmethod
     def of(label: str, capture: Path, settings: RunSettings, description: dict[str, Any]) -> TrialRun:
         run = run_identity(description).digest()
@@ -51,14 +58,13 @@ def run(call: Call) -> dict[str, Any]:
     trial: TrialRun = call.task.settings
     fit(call, read_capture(trial.capture), trial.settings)
     metrics = evaluate(call.folder, trial.capture, lambda *_: None).as_json()
-    named: Row = {"capture": trial.capture.name, "variant": trial.label, "seed": trial.seed}
-    row = named | numbers(metrics) | trial.made_by
+    row = trial.named | numbers(metrics) | trial.made_by
     write_json(call.folder / RESULT, row)
     return row
 
 
 def kept(task: Task, folder: Path) -> Kept | None:
-    """The row of a trial that has been run; None where it has not, or was scored by another version.
+    """The row of a trial that has been run; None where it has not, or its row is damaged or another version's.
 
     Raises:
         InputError: the folder holds a run of another capture or with other settings.
@@ -70,9 +76,16 @@ def kept(task: Task, folder: Path) -> Kept | None:
     except InputError:
         return None
     # A row of an older version says neither: its run's settings have just been compared.
-    if any(row.get(key, value) != value for key, value in trial.made_by.items()):
+    if any(row.get(key, value) != value for key, value in trial.made_by.items()) or not _is_whole(row, trial):
         return None
     return Kept(row, row.get("training_seconds"), digest_of(row))
+
+
+def _is_whole(row: Row, trial: TrialRun) -> bool:
+    """Whether a row that was read is one of this trial: what stands in none is measured again."""
+    values = [value for key, value in row.items() if key not in TEXTS]
+    are_numbers = all(isinstance(value, int | float) and abs(value) <= sys.float_info.max for value in values)
+    return are_numbers and "psnr" in row and trial.named.items() <= row.items()
 
 
 KIND = Kind(run, version=__version__, kept=kept)

@@ -101,14 +101,15 @@ def _work(job: Job, parent: Connection) -> None:
     parent is gone, so that the same command finds the task's folder free.
     """
     os.setpgrp()
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    starter = multiprocessing.parent_process()  # it may be gone already: then somebody else is the parent
+    threading.Thread(target=_end_with, args=(starter and starter.pid,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     with suppress(BrokenPipeError, KeyboardInterrupt):
         attempt(job, parent.send)
 
 
-def _end_with(parent: int) -> None:
+def _end_with(parent: int | None) -> None:
     """A task's files are whole at every moment: to end at once loses what follows its last checkpoint."""
     while os.getppid() == parent:
         time.sleep(ORPHANED_S)

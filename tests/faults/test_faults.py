@@ -1,0 +1,63 @@
+"""A few of the faults of `make faults`: a disk that is full at some writes, and commands that are killed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.faults.commands import ROOT
+from tests.faults.tree import contents, differences, unfinished
+
+
+def program(module: str, *arguments: str) -> str:
+    """What it says, having found nothing wrong."""
+    command = [sys.executable, "-W", "ignore", "-m", f"tests.faults.{module}", *arguments]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1800, check=False)
+    if "skipped:" in ended.stdout:
+        pytest.skip(ended.stdout.strip())
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+def test_a_disk_that_is_full_while_a_table_is_exported(tmp_path: Path) -> None:
+    said = program("full", "export-ply", "--places", "2", "--inputs", str(tmp_path))
+    assert "faults tried, 0 wrong" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["synth", "capture", "train", "eval", "render", "compare", "extension-usd", "blend"])
+def test_a_command_on_full_disks_and_in_folders_that_it_may_not_write(name: str, tmp_path: Path) -> None:
+    program("full", name, "--places", "3", "--inputs", str(tmp_path))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["synth", "capture", "train", "compare", "extension-bake", "export-track"])
+def test_a_killed_command_comes_to_the_same_when_run_again(name: str, tmp_path: Path) -> None:
+    program("kill", name, "--moments", "2", "--inputs", str(tmp_path))
+
+
+def test_what_counts_as_half_written(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{"a": 1')
+    (tmp_path / "b.png").write_bytes(b"")
+    (tmp_path / ".c.npz.x1.part.npz").write_bytes(b"")
+    (tmp_path / "d.csv").write_text("step\n1\n")
+    (tmp_path / "features.part").mkdir()
+    (tmp_path / "features.part" / "e.json").write_text("{")
+    assert unfinished(tmp_path) == [".c.npz.x1.part.npz", "a.json", "b.png"], "a step that was stopped works in .part"
+
+
+def test_times_are_no_difference_and_all_else_is(tmp_path: Path) -> None:
+    for number, name in enumerate(("a", "b")):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "metrics.json").write_text(f'{{"psnr": 20.5, "training_seconds": {number}}}')
+        (folder / "history.csv").write_text(f"step,loss,seconds\n20,0.5,{number}.5\n")
+    a, b = (contents(tmp_path / name) for name in ("a", "b"))
+    assert differences(a, b) == []
+    (tmp_path / "b" / "history.csv").write_text("step,loss,seconds\n20,0.25,0\n")
+    os.remove(tmp_path / "a" / "metrics.json")
+    assert differences(contents(tmp_path / "a"), contents(tmp_path / "b")) == ["history.csv", "metrics.json"]
