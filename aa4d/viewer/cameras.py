@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from aa4d.capture.schema import Frame, PinholeCamera
 
+SAME_WAY = 5e-3  # radians
+STEEP = 2e-3  # radians from straight down
+
 Array = NDArray[np.float64]
 
 
@@ -24,10 +27,25 @@ class Eye:
         """[3] metres."""
         return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
 
-    def is_like(self, other: Eye, tolerance_m: float) -> bool:
-        """Whether the two differ by less than anybody sees; the field of view aside."""
-        turned = Rotation.from_matrix(self.viewmat[:3, :3] @ other.viewmat[:3, :3].T).magnitude()
-        return bool(np.linalg.norm(self.center() - other.center()) < tolerance_m and turned < 1e-3)
+    def ahead(self) -> Array:
+        """[3] unit, the direction in which it looks."""
+        return self.viewmat[2, :3]
+
+    def is_seen_from(self, other: Eye, tolerance_m: float) -> bool:
+        """Whether both stand at one place and look the same way. A browser's camera keeps no roll, so that is free."""
+        near = np.linalg.norm(self.center() - other.center()) < tolerance_m
+        return bool(near and self.ahead() @ other.ahead() > np.cos(SAME_WAY))
+
+
+def to_orbit(eye: Eye, point_m: Array) -> Array:
+    """[3] metres: the point ahead for a browser's camera to look at, whose up is the world's.
+
+    Straight down has no such up: there the point is moved a little towards the picture's upper edge, which stays up.
+    """
+    distance = float(np.linalg.norm(point_m - eye.center()))
+    up = -eye.viewmat[1, :3]
+    is_steep = abs(eye.ahead()[2]) > np.cos(STEEP)
+    return point_m + is_steep * STEEP * distance * np.array([up[0], up[1], 0.0])
 
 
 def viewmat_of(wxyz: Array, position_m: Array) -> Array:

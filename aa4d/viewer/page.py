@@ -16,9 +16,11 @@ import viser
 from aa4d.capture.schema import Frame
 from aa4d.errors import InputError
 from aa4d.methods import title_of
+from aa4d.methods.model_file import LoadedModel
 from aa4d.viewer.arrangement import DIFFERENCE, ONE, SIDE_BY_SIDE
-from aa4d.viewer.cameras import Eye, fov_that_shows, viewmat_of, wxyz_of
+from aa4d.viewer.cameras import Array, Eye, fov_that_shows, to_orbit, viewmat_of, wxyz_of
 from aa4d.viewer.drawing import Drawing, Sent
+from aa4d.viewer.following import SAME_PLACE
 from aa4d.viewer.pictures import LAYER_NAMES, Scale, Wanted, legend, point_under
 from aa4d.viewer.playing import Playing
 from aa4d.viewer.resolution import Size
@@ -98,8 +100,10 @@ class Seat:
     """One browser."""
 
     client: viser.ClientHandle
+    ride: Ride
     eye: Eye
     size: Size  # of its window, pixels
+    is_placed: bool = True  # where we put it: then `eye` is exact, and the browser's own camera nearly the same
 
     @property
     def aspect(self) -> float:
@@ -124,9 +128,8 @@ class Page:
     _tracks: Any = None
 
     def __post_init__(self) -> None:
-        first = self.drawing.shown[0].loaded
+        first = self._first
         self._playing = Playing(first.frames[0].time_s, first.frames[-1].time_s, first.frames[0].time_s)
-        self._ride = Ride(self.drawing.shown[0])
         self._choices = choices(unlike([shown.name for shown in self.drawing.shown]))
         self._set_camera()
         self._set_panel()
@@ -147,19 +150,18 @@ class Page:
         layer = self._layer.value
         eye = seat.eye
         if self._fly.value:
-            eye = self._ride.eye(second, seat.aspect, at_frames=layer in OF_FOOTAGE)
+            eye = seat.ride.eye(second, seat.aspect, at_frames=layer in OF_FOOTAGE)
         wanted = Wanted(eye, seat.aspect, second, layer, choice.models, choice.arrangement, self._tracks.value)
         return wanted, seat.size
 
     def replace(self, index: int, shown: Shown) -> None:
         """A model has changed on disk."""
         self.drawing.replace(index, shown)
-        if index == 0:
-            self._ride = Ride(shown)
+        for seat in self._seats.values() if index == 0 else ():
+            seat.ride = Ride(shown)
         self._title.content = self._about()
-
-    def say(self, sentence: str) -> None:
-        self._status.content = sentence
+        if self._layer.options != self._layers():  # what begins to move has more of them
+            self._layer.options = self._layers()
 
     # The panel.
 
@@ -169,7 +171,7 @@ class Page:
         self._title = gui.add_markdown(self._about())
         play = self._playing
         can_play = play.last > play.first
-        steps = max(len(self.drawing.shown[0].loaded.frames) - 1, 1)
+        steps = max(len(self._first.frames) - 1, 1)
         step = max(round((play.last - play.first) / steps / 4, 3), 0.001)
         first, last = round(play.first, 3), round(play.last, 3)
         self._time = gui.add_slider("Time, s", first, last, step, first, disabled=not can_play)
@@ -186,11 +188,12 @@ class Page:
         self._fly = gui.add_checkbox("Fly along", False, hint="Look from where the capture's camera was.")
         self._tracks = gui.add_checkbox("Tracks", False, hint="Where things go; what is to come is faint.")
         self._cameras = gui.add_checkbox("Cameras", False, hint="Click one to look from there; orange are held out.")
-        for control in (self._show, self._layer, self._fly, self._tracks):
+        for control in (self._show, self._fly, self._tracks):
             control.on_update(lambda _: self._changed())
+        self._layer.on_update(lambda _: self._layer_chosen())
         self._cameras.on_update(lambda _: self._show_frustums())
         gui.add_button("Back to the start", icon=viser.Icon.HOME).on_click(
-            lambda event: self._go_to(self.drawing.shown[0].loaded.frames[0], event.client)
+            lambda event: self._go_to(self._first.frames[0], event.client)
         )
         self._status = gui.add_markdown("")
         with gui.add_folder("Keys", expand_by_default=False):
@@ -201,14 +204,12 @@ class Page:
             def advanced(_: Any) -> None:
                 options = list(menu.options)
                 menu.value = options[(options.index(menu.value) + 1) % len(options)]
-                self._changed()
 
             return advanced
 
         def toggle(box: Any) -> Callable[[Any], None]:
             def toggled(_: Any) -> None:
                 box.value = not box.value
-                self._changed()
 
             return toggled
 
@@ -253,14 +254,17 @@ class Page:
 
     def _step(self, steps: int) -> None:
         now = time.monotonic()
-        frame = frame_after(self.drawing.shown[0].loaded.frames, self._playing.at(now), steps)
+        frame = frame_after(self._first.frames, self._playing.at(now), steps)
         self._playing = self._playing.run(now, is_running=False).moved_to(now, frame.time_s)
+        self._changed()
+
+    def _layer_chosen(self) -> None:
+        if self._layer.value in OF_FOOTAGE:
+            self._fly.value = True
         self._changed()
 
     def _changed(self) -> None:
         """Whatever a person has changed: the panel shows it, and every window is drawn anew."""
-        if self._layer.value in OF_FOOTAGE and not self._fly.value:
-            self._fly.value = True
         running = self._playing.is_running
         self._play.label = "Pause" if running else "Play"
         self._play.icon = viser.Icon.PLAYER_PAUSE if running else viser.Icon.PLAYER_PLAY
@@ -274,30 +278,34 @@ class Page:
 
     # Cameras.
 
+    @property
+    def _first(self) -> LoadedModel:
+        return self.drawing.shown[0].loaded
+
+    def _at_frame(self, frame: Frame, aspect: float) -> Eye:
+        return Eye(frame.viewmat, fov_that_shows(self._first.camera, aspect))
+
     def _set_camera(self) -> None:
         """Every browser begins where the first frame was taken."""
-        loaded = self.drawing.shown[0].loaded
-        frame = loaded.frames[0]
+        frame, unit_m = self._first.frames[0], self._first.frame.unit_m
+        eye = self._at_frame(frame, 16 / 9)
         start = self.server.initial_camera
-        center = -frame.viewmat[:3, :3].T @ frame.viewmat[:3, 3]
-        start.up = (0.0, 0.0, 1.0)
-        start.fov = fov_that_shows(loaded.camera, 16 / 9)
-        start.near, start.far = 1e-3 * loaded.frame.unit_m, 1e3 * loaded.frame.unit_m
-        start.position, start.look_at = center, self._point_ahead(Eye(frame.viewmat, start.fov), frame.time_s)
+        start.up, start.fov = (0.0, 0.0, 1.0), eye.fov
+        start.near, start.far = 1e-3 * unit_m, 1e3 * unit_m
+        start.position, start.look_at = eye.center(), to_orbit(eye, self._middle(eye, frame.time_s))
 
-    def _point_ahead(self, eye: Eye, second: float) -> np.ndarray[Any, Any]:
-        """What is in the middle of a picture, to orbit around."""
-        ahead = point_under(self.drawing.shown, Wanted(eye, 1.0, second), 0.5, 0.5)
-        unit_m = self.drawing.shown[0].loaded.frame.unit_m
-        return eye.center() + unit_m * eye.viewmat[2, :3] if ahead is None else ahead
+    def _middle(self, eye: Eye, second: float) -> Array:
+        """[3] metres, what is in the middle of a picture, to orbit around."""
+        point = point_under(self.drawing.shown, Wanted(eye, 1.0, second), 0.5, 0.5)
+        return eye.center() + self._first.frame.unit_m * eye.ahead() if point is None else point
 
     def _arrive(self, client: viser.ClientHandle) -> None:
         camera = client.camera
         size = (camera.image_width, camera.image_height)
-        seat = Seat(client, Eye(viewmat_of(camera.wxyz, camera.position), camera.fov), size)
+        seat = Seat(client, Ride(self.drawing.shown[0]), self._at_frame(self._first.frames[0], size[0] / size[1]), size)
         self._seats[client.client_id] = seat
         camera.on_update(lambda camera: self._moved(seat, camera))
-        camera.fov = fov_that_shows(self.drawing.shown[0].loaded.camera, seat.aspect)
+        camera.fov = seat.eye.fov
         self.drawing.open(client.client_id, lambda now: self.wanted(seat, now), lambda sent: self._send(seat, sent))
 
     def _leave(self, client: viser.ClientHandle) -> None:
@@ -305,21 +313,24 @@ class Page:
         self._seats.pop(client.client_id, None)
 
     def _moved(self, seat: Seat, camera: viser.CameraHandle) -> None:
+        """A browser tells where its camera is: where a person took it, or where we put it."""
         if min(camera.image_width, camera.image_height) > 0:
             seat.size = (camera.image_width, camera.image_height)
         eye = Eye(viewmat_of(camera.wxyz, camera.position), camera.fov)
-        if self._fly.value and not self._ride.is_echo(eye):
-            self._fly.value = False
-            camera.up_direction = (0.0, 0.0, 1.0)
-        seat.eye = eye
+        if self._fly.value and seat.ride.is_echo(eye):
+            return
+        self._fly.value = False
+        near = SAME_PLACE * self._first.frame.unit_m
+        if not (seat.is_placed and abs(eye.fov - seat.eye.fov) < 1e-6 and eye.is_seen_from(seat.eye, near)):
+            seat.eye, seat.is_placed = eye, False
         self.drawing.look_again()
 
-    def _put(self, seat: Seat, eye: Eye, look_at: np.ndarray[Any, Any]) -> None:
-        """The browser's own camera, from which a person then orbits."""
-        self._ride.sent(eye)
+    def _put(self, seat: Seat, eye: Eye, look_at: Array) -> None:
+        """Move the browser's own camera, from which a person then orbits."""
+        seat.eye, seat.is_placed = eye, True
         with seat.client.atomic():
             camera = seat.client.camera
-            camera.position, camera.look_at, camera.fov = eye.center(), look_at, eye.fov
+            camera.position, camera.look_at, camera.fov = eye.center(), to_orbit(eye, look_at), eye.fov
 
     def _go_to(self, frame: Frame, client: viser.ClientHandle | None) -> None:
         """Look at the second of a frame from where it was taken."""
@@ -327,9 +338,9 @@ class Page:
         now = time.monotonic()
         self._playing = self._playing.run(now, is_running=False).moved_to(now, frame.time_s)
         if seat is not None:
-            eye = Eye(frame.viewmat, fov_that_shows(self.drawing.shown[0].loaded.camera, seat.aspect))
-            self._put(seat, eye, self._point_ahead(eye, frame.time_s))
-            seat.eye = eye
+            self._fly.value = False
+            eye = self._at_frame(frame, seat.aspect)
+            self._put(seat, eye, self._middle(eye, frame.time_s))
         self._changed()
 
     def _orbit_point(self, event: Any) -> None:
@@ -342,7 +353,7 @@ class Page:
             seat.client.camera.look_at = point
 
     def _set_frustums(self) -> None:
-        loaded = self.drawing.shown[0].loaded
+        loaded = self._first
         camera = loaded.camera
         chosen = np.linspace(0, len(loaded.frames) - 1, min(len(loaded.frames), MOST_FRUSTUMS)).round().astype(int)
         self._frustums = []
@@ -381,8 +392,8 @@ class Page:
         )
         seat.client.flush()
         if self._fly.value and sent.eye is not seat.eye:
-            ahead = self.drawing.shown[0].loaded.frame.unit_m * sent.eye.viewmat[2, :3]
-            self._put(seat, sent.eye, sent.eye.center() + ahead)
+            seat.ride.sent(sent.eye)
+            self._put(seat, sent.eye, sent.eye.center() + self._first.frame.unit_m * sent.eye.ahead())
         now = time.monotonic()
         if now - self._texts_at >= SECONDS_BETWEEN_TEXTS or is_sharp:
             self._texts_at = now

@@ -70,7 +70,7 @@ def with_ribbons(
 def _quads(
     viewmat: Array, camera: PinholeCamera, ribbons: tuple[Ribbon, ...], t: float
 ) -> tuple[NDArray[np.int32], Array, Array, Array]:
-    """Corners [Q, 4, 2] in fractions of pixels, least depth [Q] metres, colour [Q, 3] and opacity [Q] of what is in view."""
+    """Corners [Q, 4, 2] in fractions of pixels, least depth [Q] metres, colour [Q, 3], opacity [Q] of what is seen."""
     parts: tuple[list[Array], list[Array], list[Array], list[Array]] = ([], [], [], [])
     for ribbon in ribbons:
         edges = np.stack([ribbon.left, ribbon.right], axis=1) @ viewmat[:3, :3].T + viewmat[:3, 3]  # [S, 2, 3]

@@ -41,7 +41,7 @@ class Ride:
 
     def is_echo(self, eye: Eye) -> bool:
         tolerance_m = 1e-3 * self.shown.loaded.frame.unit_m
-        return any(eye.is_like(other, tolerance_m) for other in self._sent)
+        return any(eye.is_seen_from(other, tolerance_m) for other in self._sent)
 
 
 def frame_after(frames: tuple[Frame, ...], second: float, steps: int) -> Frame:
