@@ -32,6 +32,7 @@ MOST_FRUSTUMS = 24  # evenly over the clip: more hide what they look at
 FRUSTUM = 0.03  # size, of the model's unit
 HELD_OUT, TRAINING = (230, 150, 40), (170, 190, 210)
 SECONDS_BETWEEN_TEXTS = 0.2  # more often nobody reads them, and each is a message to every browser
+ARRIVAL_S = 2.0  # that a browser may take to go where it is sent
 COARSE_QUALITY, SHARP_QUALITY = 75, 92  # of JPEG
 KEYS = (
     "Drag: orbit. Right button: move. Wheel: nearer. **Shift+click**: orbit that point. **Space**: play. "
@@ -103,7 +104,22 @@ class Seat:
     ride: Ride
     eye: Eye
     size: Size  # of its window, pixels
-    is_placed: bool = True  # where we put it: then `eye` is exact, and the browser's own camera nearly the same
+    # Where we put it `eye` is exact, and the browser's own camera, which has no roll, nearly the same.
+    placed_at: float | None = None  # of a monotonic clock; None where a person has taken it elsewhere
+    has_arrived: bool = False  # the browser has said that it is there
+
+    def place(self, eye: Eye) -> None:
+        self.eye, self.placed_at, self.has_arrived = eye, time.monotonic(), False
+
+    def moved(self, eye: Eye, tolerance_m: float) -> None:
+        """The browser says where it is: there, still on its way, or where a person took it."""
+        if self.placed_at is not None:
+            if abs(eye.fov - self.eye.fov) < 1e-4 and eye.is_seen_from(self.eye, tolerance_m):
+                self.has_arrived = True
+                return
+            if not self.has_arrived and time.monotonic() - self.placed_at < ARRIVAL_S:
+                return
+        self.eye, self.placed_at = eye, None
 
     @property
     def aspect(self) -> float:
@@ -126,6 +142,7 @@ class Page:
     _layer: Any = None
     _fly: Any = None
     _tracks: Any = None
+    _cameras: Any = None
 
     def __post_init__(self) -> None:
         first = self._first
@@ -303,6 +320,7 @@ class Page:
         camera = client.camera
         size = (camera.image_width, camera.image_height)
         seat = Seat(client, Ride(self.drawing.shown[0]), self._at_frame(self._first.frames[0], size[0] / size[1]), size)
+        seat.place(seat.eye)
         self._seats[client.client_id] = seat
         camera.on_update(lambda camera: self._moved(seat, camera))
         camera.fov = seat.eye.fov
@@ -320,14 +338,12 @@ class Page:
         if self._fly.value and seat.ride.is_echo(eye):
             return
         self._fly.value = False
-        near = SAME_PLACE * self._first.frame.unit_m
-        if not (seat.is_placed and abs(eye.fov - seat.eye.fov) < 1e-6 and eye.is_seen_from(seat.eye, near)):
-            seat.eye, seat.is_placed = eye, False
+        seat.moved(eye, SAME_PLACE * self._first.frame.unit_m)
         self.drawing.look_again()
 
     def _put(self, seat: Seat, eye: Eye, look_at: Array) -> None:
         """Move the browser's own camera, from which a person then orbits."""
-        seat.eye, seat.is_placed = eye, True
+        seat.place(eye)
         with seat.client.atomic():
             camera = seat.client.camera
             camera.position, camera.look_at, camera.fov = eye.center(), to_orbit(eye, look_at), eye.fov

@@ -24,7 +24,7 @@ from tests.browser import Watched, launched, watched
 WIDTH, HEIGHT = 640, 360
 LONG_S = 120.0  # software WebGL on a machine that does much else
 CANVAS = "canvas"
-HIDE_PANEL = "body > * > * { visibility: hidden !important } canvas { visibility: visible !important }"
+CANVAS_ALONE = "body > * > * { visibility: hidden !important } canvas { visibility: visible !important }"
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,6 @@ def window(page: Page) -> Iterator[Watched]:
         seen.page.goto(f"http://{address}")
         seen.page.wait_for_selector(CANVAS, timeout=LONG_S * 1e3)
         until(lambda: bool(page._seats), "no browser has arrived")
-        seen.page.add_style_tag(content=HIDE_PANEL)
         yield seen
 
 
@@ -71,7 +70,7 @@ def expected(page: Page) -> NDArray[np.uint8]:
 
 
 def screenshot(window: Watched) -> NDArray[np.uint8]:
-    return np.array(Image.open(io.BytesIO(window.page.screenshot())).convert("RGB"))
+    return np.array(Image.open(io.BytesIO(window.page.screenshot(style=CANVAS_ALONE))).convert("RGB"))
 
 
 def check_it_shows(window: Watched, page: Page) -> None:
@@ -96,10 +95,10 @@ def test_it_begins_where_the_first_frame_was_taken(window: Watched, page: Page) 
 
 def test_a_drag_orbits_and_the_picture_follows(window: Watched, page: Page) -> None:
     before, sent = wanted(page).eye, time.monotonic()
-    window.page.mouse.move(200, 200)
+    window.page.mouse.move(150, 300)
     window.page.mouse.down()
     for step in range(1, 6):
-        window.page.mouse.move(200 + 12 * step, 200 - 10 * step)
+        window.page.mouse.move(150 + 12 * step, 300 - 10 * step)
     window.page.mouse.up()
     until(lambda: not wanted(page).eye.is_seen_from(before, 1e-3), "the camera did not move")
     until(lambda: time.monotonic() - sent > 2, "")  # damping
@@ -147,9 +146,9 @@ def test_error_flies_to_the_frames_and_a_drag_ends_the_flight(window: Watched, p
     until(lambda: np.allclose(seat_of(page).client.camera.position, wanted(page).eye.center(), atol=0.01), "no flight")
     time.sleep(1)
     assert page._fly.value  # the browser's echo of its own flight does not end it
-    window.page.mouse.move(200, 200)
+    window.page.mouse.move(150, 300)
     window.page.mouse.down()
-    window.page.mouse.move(260, 150, steps=4)
+    window.page.mouse.move(210, 250, steps=4)
     window.page.mouse.up()
     until(lambda: not page._fly.value, "it flies on")
 
@@ -159,9 +158,9 @@ def test_shift_and_a_click_choose_what_to_orbit(window: Watched, page: Page) -> 
     page._layer.value = "color"
     check_it_shows(window, page)
     before = seat_of(page).client.camera.look_at
-    window.page.mouse.move(WIDTH * 0.3, HEIGHT * 0.5)
+    window.page.mouse.move(WIDTH * 0.3, HEIGHT * 0.7)
     window.page.keyboard.down("Shift")
-    window.page.mouse.click(WIDTH * 0.3, HEIGHT * 0.5)
+    window.page.mouse.click(WIDTH * 0.3, HEIGHT * 0.7)
     window.page.keyboard.up("Shift")
     until(lambda: not np.allclose(seat_of(page).client.camera.look_at, before, atol=0.5), "nothing to orbit")
     assert seat_of(page).client.camera.look_at[0] < before[0] - 1  # to the left

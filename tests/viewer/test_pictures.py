@@ -37,7 +37,7 @@ def other(toy_run: Path) -> Shown:
 def at_frame(shown: Shown, **options: object) -> Wanted:
     frame, aspect = shown.loaded.frames[INDEX], WIDTH / HEIGHT
     eye = Eye(frame.viewmat, fov_that_shows(shown.loaded.camera, aspect))
-    return replace(Wanted(eye, aspect, frame.time_s), **options)  # type: ignore[arg-type]
+    return replace(Wanted(eye, aspect, frame.time_s), **options)
 
 
 def picture(shown: tuple[Shown, ...], wanted: Wanted, width: int = WIDTH, height: int = HEIGHT) -> Picture:
