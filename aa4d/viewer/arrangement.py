@@ -1,4 +1,4 @@
-"""Where in a window each of several models is drawn."""
+"""Which of several models a window shows, and where in it each."""
 
 from __future__ import annotations
 
@@ -36,3 +36,31 @@ def cells(count: int, width: int, height: int) -> list[Cell]:
     y = [round(height * i / rows) for i in range(rows + 1)]
     places = [divmod(i, columns) for i in range(count)]
     return [Cell(x[c], y[r], x[c + 1] - x[c], y[r + 1] - y[r]) for r, c in places]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An entry of the menu "Show"."""
+
+    name: str
+    models: tuple[int, ...]
+    arrangement: str
+
+
+def choices(names: list[str]) -> list[Choice]:
+    """Each model, all side by side, and the first less each of the others."""
+    every = [Choice(name, (i,), ONE) for i, name in enumerate(names)]
+    if len(names) > 1:
+        every.append(Choice("side by side", tuple(range(len(names))), SIDE_BY_SIDE))
+        every += [Choice(f"{names[0]} less {names[i]}", (0, i), DIFFERENCE) for i in range(1, len(names))]
+    return every
+
+
+def unlike(names: list[str]) -> list[str]:
+    """Names that differ, by a number where two are the same."""
+    seen: dict[str, int] = {}
+    result = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        result.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return result

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,10 +11,9 @@ import numpy as np
 import viser
 
 from aa4d.capture.schema import Frame
-from aa4d.errors import InputError
 from aa4d.methods import title_of
 from aa4d.methods.model_file import LoadedModel
-from aa4d.viewer.arrangement import DIFFERENCE, ONE, SIDE_BY_SIDE
+from aa4d.viewer.arrangement import SIDE_BY_SIDE, Choice, choices, unlike
 from aa4d.viewer.cameras import Array, Eye, fov_that_shows, to_orbit, viewmat_of, wxyz_of
 from aa4d.viewer.drawing import Drawing, Sent
 from aa4d.viewer.following import SAME_PLACE
@@ -25,6 +21,8 @@ from aa4d.viewer.pictures import LAYER_NAMES, Scale, Wanted, legend, point_under
 from aa4d.viewer.playing import Playing
 from aa4d.viewer.resolution import Size
 from aa4d.viewer.riding import Ride, frame_after
+from aa4d.viewer.seat import Seat
+from aa4d.viewer.server import Server
 from aa4d.viewer.shown import OF_FOOTAGE, Shown
 
 SPEEDS = {"1/10": 0.1, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
@@ -32,98 +30,11 @@ MOST_FRUSTUMS = 24  # evenly over the clip: more hide what they look at
 FRUSTUM = 0.03  # size, of the model's unit
 HELD_OUT, TRAINING = (230, 150, 40), (170, 190, 210)
 SECONDS_BETWEEN_TEXTS = 0.2  # more often nobody reads them, and each is a message to every browser
-ARRIVAL_S = 2.0  # that a browser may take to go where it is sent
 COARSE_QUALITY, SHARP_QUALITY = 75, 92  # of JPEG
 KEYS = (
     "Drag: orbit. Right button: move. Wheel: nearer. **Shift+click**: orbit that point. **Space**: play. "
     "**N**, **B**: next frame, the one before. **F**: fly along. **T**: tracks. **L**: next layer. **V**: next view."
 )
-
-
-class Server(viser.ViserServer):
-    """Without viser's tunnel: no page that finds this one can ask for it to be put on the internet."""
-
-    def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002
-        return None
-
-
-def serve(host: str, port: int) -> Server:
-    """
-    Raises:
-        InputError: nothing can listen there.
-    """
-    _check_free(host, port)  # viser would take the next free port, and say so in passing
-    with contextlib.redirect_stdout(io.StringIO()):
-        return Server(host=host, port=port, label="aa4d view", verbose=False)
-
-
-def _check_free(host: str, port: int) -> None:
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind, protocol) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except (OSError, OverflowError, UnicodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{host}:{port}: cannot listen there ({reason}); choose another --port or --host") from None
-
-
-@dataclass(frozen=True)
-class Choice:
-    """An entry of the menu "Show"."""
-
-    name: str
-    models: tuple[int, ...]
-    arrangement: str
-
-
-def choices(names: list[str]) -> list[Choice]:
-    """Each model, all side by side, and the first less each of the others."""
-    every = [Choice(name, (i,), ONE) for i, name in enumerate(names)]
-    if len(names) > 1:
-        every.append(Choice("side by side", tuple(range(len(names))), SIDE_BY_SIDE))
-        every += [Choice(f"{names[0]} less {names[i]}", (0, i), DIFFERENCE) for i in range(1, len(names))]
-    return every
-
-
-def unlike(names: list[str]) -> list[str]:
-    """Names that differ, by a number where two are the same."""
-    seen: dict[str, int] = {}
-    result = []
-    for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        result.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-    return result
-
-
-@dataclass
-class Seat:
-    """One browser."""
-
-    client: viser.ClientHandle
-    ride: Ride
-    eye: Eye
-    size: Size  # of its window, pixels
-    # Where we put it `eye` is exact, and the browser's own camera, which has no roll, nearly the same.
-    placed_at: float | None = None  # of a monotonic clock; None where a person has taken it elsewhere
-    has_arrived: bool = False  # the browser has said that it is there
-
-    def place(self, eye: Eye) -> None:
-        self.eye, self.placed_at, self.has_arrived = eye, time.monotonic(), False
-
-    def moved(self, eye: Eye, tolerance_m: float) -> None:
-        """The browser says where it is: there, still on its way, or where a person took it."""
-        if self.placed_at is not None:
-            if abs(eye.fov - self.eye.fov) < 1e-4 and eye.is_seen_from(self.eye, tolerance_m):
-                self.has_arrived = True
-                return
-            if not self.has_arrived and time.monotonic() - self.placed_at < ARRIVAL_S:
-                return
-        self.eye, self.placed_at = eye, None
-
-    @property
-    def aspect(self) -> float:
-        return self.size[0] / self.size[1]
 
 
 @dataclass

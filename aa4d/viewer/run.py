@@ -13,7 +13,8 @@ from aa4d.errors import InputError
 from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.viewer.drawing import Drawing
 from aa4d.viewer.following import Followed
-from aa4d.viewer.page import Page, serve
+from aa4d.viewer.page import Page
+from aa4d.viewer.server import serve
 from aa4d.viewer.shown import Shown
 
 SECONDS_BETWEEN_LOOKS = 1.0  # at the files of a run

@@ -16,7 +16,8 @@ from typing import Any
 from aa4d.files import write_json
 from aa4d.viewer.drawing import Drawing
 from aa4d.viewer.following import Followed
-from aa4d.viewer.page import Page, serve
+from aa4d.viewer.page import Page
+from aa4d.viewer.server import serve
 from tests.browser import launched, watched
 
 WIDTH, HEIGHT = 640, 360

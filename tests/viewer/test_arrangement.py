@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from aa4d.viewer.arrangement import cells
+from aa4d.viewer.arrangement import cells, choices, unlike
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 7])
@@ -23,3 +23,10 @@ def test_two_stand_beside_each_other_and_four_in_a_square() -> None:
 def test_a_place_belongs_to_one_cell() -> None:
     assert [cell.holds(319.9, 10) for cell in cells(2, 640, 360)] == [True, False]
     assert [cell.holds(320, 10) for cell in cells(2, 640, 360)] == [False, True]
+
+
+def test_models_of_one_name_can_be_told_apart() -> None:
+    assert unlike(["run", "run", "other"]) == ["run", "run (2)", "other"]
+    names = [choice.name for choice in choices(["a", "b", "c"])]
+    assert names == ["a", "b", "c", "side by side", "a less b", "a less c"]
+    assert [choice.name for choice in choices(["a"])] == ["a"]

@@ -17,8 +17,10 @@ pytest.importorskip("playwright")
 from aa4d.viewer.cameras import Eye, fov_that_shows
 from aa4d.viewer.drawing import Drawing
 from aa4d.viewer.following import Followed
-from aa4d.viewer.page import Page, Seat, choices, serve, unlike
+from aa4d.viewer.page import Page
 from aa4d.viewer.pictures import Painter, Wanted
+from aa4d.viewer.seat import Seat
+from aa4d.viewer.server import serve
 from tests.browser import Watched, launched, watched
 
 WIDTH, HEIGHT = 640, 360
@@ -191,10 +193,3 @@ def test_it_asked_nobody_else_and_nothing_went_wrong(window: Watched, page: Page
 class Event:
     def __init__(self, client: Any) -> None:
         self.client = client
-
-
-def test_models_of_one_name_can_be_told_apart() -> None:
-    assert unlike(["run", "run", "other"]) == ["run", "run (2)", "other"]
-    names = [choice.name for choice in choices(["a", "b", "c"])]
-    assert names == ["a", "b", "c", "side by side", "a less b", "a less c"]
-    assert [choice.name for choice in choices(["a"])] == ["a"]
