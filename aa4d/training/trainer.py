@@ -197,7 +197,7 @@ class Run:
         model = state.model
         self.method.enter(stage, model, self.settings)
         if stage is self.schedule.first_moving:
-            self._save_model(state, self.out / "coarse.safetensors")
+            self.write_model(state, self.out / "coarse.safetensors")
             if self.movers is not None:
                 self.movers.ride(model, self.settings, say)
         state.stage, state.iteration = stage.name, 0
@@ -346,7 +346,7 @@ class Run:
     def _save(self, state: TrainingState, history: History) -> None:
         """The model first: where the checkpoint says that training is over, the model file is the final one."""
         check_finite(state.optimiser, "a parameter")
-        self._save_model(state, self.model_path)
+        self.write_model(state, self.model_path)
         self._save_checkpoint(state, history)
 
     def _save_checkpoint(self, state: TrainingState, history: History) -> None:
@@ -360,7 +360,8 @@ class Run:
         history.write(self.steps(state), image, target)
         save_checkpoint(self.checkpoint_path, state)
 
-    def _save_model(self, state: TrainingState, path: Path) -> None:
+    def write_model(self, state: TrainingState, path: Path) -> None:
+        """The model of a moment, as a file that every command reads."""
         capture = self.frames.capture
         training: dict[str, Any] = {
             "preset": self.settings.preset,
