@@ -85,8 +85,8 @@ function project(scene, t, matrix, lens) {
       return Math.exp((from + f * (((sizeB >>> shift) & 1023) - from) - 512) * step);
     };
     let w = byte(24), x = byte(16), y = byte(8), z = byte(0);
-    const length = Math.max(Math.hypot(w, x, y, z), 1e-12);
-    w /= length, x /= length, y /= length, z /= length;
+    const unit = 1 / Math.max(Math.sqrt(w * w + x * x + y * y + z * z), 1e-12);
+    w *= unit, x *= unit, y *= unit, z *= unit;
     const s0 = size(0), s1 = size(10), s2 = size(20);
 
     // The covariance's square root on the screen: rows of Jacobian, view and rotation, scaled.
