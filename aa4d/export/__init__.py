@@ -37,7 +37,8 @@ class Exporter:
 EXPORTERS = {
     "ply": Exporter("3D Gaussian splatting PLY, one file a view", "aa4d.export.splat_ply"),
     "points": Exporter("point-cloud PLY with colours, one file a view", "aa4d.export.point_ply"),
-    "usd": Exporter("animated points in one USD file", "aa4d.export.usd_points", True, ("pxr", "usd-core")),
+    "usd": Exporter("moving splats in one USD file", "aa4d.export.usd_splats", True, ("pxr", "usd-core")),
+    "usd-points": Exporter("animated points in one USD file", "aa4d.export.usd_points", True, ("pxr", "usd-core")),
     "track": Exporter("Gaussians at key times, for the Blender extension", "aa4d.export.track", True),
     "html": Exporter("one page that plays the scene in a browser", "aa4d.export.html_page", True),
     "4dgs": Exporter("one file in the 4DGS container", "aa4d.export.fourdgs_container", True, ("fourdgs", "fourdgs")),

@@ -21,9 +21,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from aa4d import __version__
-from aa4d.errors import InputError
 from aa4d.export.clip import FAINTEST, Clip
-from aa4d.export.keys import decoded, times_of
+from aa4d.export.keys import decoded, drawn_ids, times_of
 from aa4d.files import write_text
 from aa4d.raster.constants import DILATION, FRUSTUM_MARGIN, MAX_ALPHA
 
@@ -71,14 +70,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> str:
     if path.exists():
         progress(2 * len(clip), 2 * len(clip))
         return stated(path, attributes)
-    drawn = np.zeros(0, bool)
-    for index, values in enumerate(decoded(clip)):
-        seen = values["opacity"][:, 0] >= FAINTEST
-        drawn = drawn | seen if len(drawn) else seen
-        progress(index + 1, 2 * len(clip))
-    ids = np.flatnonzero(drawn)
-    if not len(ids):
-        raise InputError(f"{clip.loaded.path}: nothing is opaque enough to be drawn; train the model again")
+    ids = drawn_ids(clip, lambda done: progress(done, 2 * len(clip)))
     keys: dict[str, list[Levels]] = {name: [] for name in attributes}
     for index, values in enumerate(decoded(clip)):
         for name, attribute in attributes.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -48,3 +48,19 @@ def decoded(clip: Clip) -> Iterator[dict[str, NDArray[np.float32]]]:
             "color": g.colors,
         }
         yield {name: value.astype(np.float32) for name, value in values.items()}
+
+
+def drawn_ids(clip: Clip, progress: Callable[[int], None]) -> NDArray[np.int64]:
+    """The Gaussians that are drawn at any key, ascending; `progress` is told how many keys have been looked at.
+
+    Raises:
+        InputError: there are none.
+    """
+    drawn = np.zeros(0, bool)
+    for index, values in enumerate(decoded(clip)):
+        seen = values["opacity"][:, 0] > 0
+        drawn = drawn | seen if len(drawn) else seen
+        progress(index + 1)
+    if not drawn.any():
+        raise InputError(f"{clip.loaded.path}: nothing is opaque enough to be drawn; train the model again")
+    return np.flatnonzero(drawn)

@@ -20,7 +20,16 @@ from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.views import as_picture
 from aa4d.export import EXPORTERS, export
-from aa4d.export.clip import FAINTEST, VIEWER, Clip, WorldGaussians, mean_eye, turned, world_gaussians
+from aa4d.export.clip import (
+    FAINTEST,
+    VIEWER,
+    Clip,
+    WorldGaussians,
+    every_gaussian,
+    mean_eye,
+    turned,
+    world_gaussians,
+)
 from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
 from aa4d.export.usd_points import linear
 from aa4d.filming.camera_path import View, looking_at, path_of_frames, resampled, with_time
@@ -169,7 +178,7 @@ def usd_of(run: Path, out: Path, views: str = "held-out") -> dict[str, Any]:
     """In processes of their own: Blender, which other tests load, brings a USD that is not to meet this one."""
     if find_spec("pxr") is None:
         pytest.skip("usd-core is not installed: pip install aa4d[export]")
-    arguments = ("export", str(run), "--format", "usd", "--views", views, "--out", str(out))
+    arguments = ("export", str(run), "--format", "usd-points", "--views", views, "--out", str(out))
     subprocess.run([sys.executable, "-m", "aa4d.cli", *arguments], check=True, timeout=120)
     read = subprocess.run(
         [sys.executable, "-c", READ_USD, str(out / "points.usdc")],
@@ -291,6 +300,54 @@ def test_4dgs_shows_each_frame_at_its_own_second(toy_run: Path, tmp_path: Path) 
         assert away.max() < 0.2  # what rides moves 12 / 9 m from one frame to the next
 
 
+READ_USD_SPLATS = """
+import json, sys
+from pxr import Usd, UsdGeom, UsdVol
+stage = Usd.Stage.Open(sys.argv[1])
+splats = UsdVol.ParticleField3DGaussianSplat(stage.GetDefaultPrim().GetChildren()[0])
+codes = splats.GetPositionsAttr().GetTimeSamples()
+def rows(values):
+    return [list(v) for v in values]
+print(json.dumps({
+    "type": splats.GetPrim().GetTypeName(), "up": UsdGeom.GetStageUpAxis(stage), "codes": codes,
+    "degree": splats.GetRadianceSphericalHarmonicsDegreeAttr().Get(),
+    "positions": [rows(splats.GetPositionsAttr().Get(t)) for t in (codes[0], codes[4], codes[-1])],
+    "between": rows(splats.GetPositionsAttr().Get(0.5 * (codes[4] + codes[5]))),
+    "next": rows(splats.GetPositionsAttr().Get(codes[5])),
+    "scales": rows(splats.GetScalesAttr().Get(codes[4])),
+    "rotations": [[q.GetReal(), *q.GetImaginary()] for q in splats.GetOrientationsAttr().Get(codes[4])],
+    "opacities": list(splats.GetOpacitiesAttr().Get(codes[4])),
+    "harmonics": rows(splats.GetRadianceSphericalHarmonicsCoefficientsAttr().Get(codes[4])),
+}))
+"""
+
+
+def test_usd_plays_splats_that_have_every_attribute_of_the_model(toy_run: Path, tmp_path: Path) -> None:
+    """Positions at three times, and between two; in processes of their own, as `usd_of`."""
+    if find_spec("pxr") is None:
+        pytest.skip("usd-core is not installed: pip install aa4d[export]")
+    out = tmp_path / "out"
+    command = ("export", str(toy_run), "--format", "usd", "--out", str(out))
+    subprocess.run([sys.executable, "-m", "aa4d.cli", *command], check=True, timeout=120)
+    reader = [sys.executable, "-c", READ_USD_SPLATS, str(out / "splats.usdc")]
+    stage = json.loads(subprocess.run(reader, check=True, capture_output=True, text=True, timeout=120).stdout)
+    loaded = load_model(toy_run / "model.safetensors")
+    clip = Clip(loaded, path_of_frames(loaded, "all"), None)
+    assert (stage["type"], stage["up"], stage["degree"]) == ("ParticleField3DGaussianSplat", "Z", 0)
+    assert np.array(stage["codes"]) / clip.path.fps == pytest.approx([clip.seconds(i) for i in range(len(clip))])
+    ids = np.array(sorted({int(i) for index in range(len(clip)) for i in clip.gaussians(index).ids}))
+    for place, index in enumerate((0, 4, 9)):
+        g = every_gaussian(loaded, clip.path.views[index].t, clip.eye_at(index))
+        np.testing.assert_allclose(stage["positions"][place], g.means[ids], atol=1e-4)
+    g = every_gaussian(loaded, clip.path.views[4].t, clip.eye_at(4))
+    np.testing.assert_allclose(stage["scales"], g.scales[ids], rtol=1e-4)
+    np.testing.assert_allclose(np.abs((stage["rotations"] * g.quaternions[ids]).sum(axis=1)), 1, atol=1e-5)
+    np.testing.assert_allclose(stage["opacities"], np.where(g.opacities >= FAINTEST, g.opacities, 0)[ids], atol=1e-6)
+    np.testing.assert_allclose(0.5 + SH_CONSTANT * np.array(stage["harmonics"]), g.colors[ids], atol=1e-5)
+    middle = (np.array(stage["positions"][1]) + np.array(stage["next"])) / 2
+    np.testing.assert_allclose(stage["between"], middle, atol=1e-4)
+
+
 def test_usd_plays_the_points(clip: Clip, tmp_path: Path) -> None:
     stage = usd_of(clip.loaded.path.parent, tmp_path / "out")
     assert (stage["up"], stage["metres"], stage["end"]) == ("Z", 1.0, 1.0)
@@ -318,6 +375,12 @@ def test_4dgs_holds_every_view_and_moves_between_them(loaded: LoadedModel, tmp_p
     path = tmp_path / "out/scene.4dgs"
     checked = subprocess.run([sys.executable, "-m", "fourdgs.cli", "validate", str(path)], capture_output=True)
     assert checked.returncode == 0, checked.stdout + checked.stderr
+    # Its own converters place it without being told its axes.
+    for command, name in (("to-usd", "one.usda"), ("to-gltf", "one.glb")):
+        arguments = [sys.executable, "-m", "fourdgs.cli", command, str(path), "-o", str(tmp_path / name)]
+        converted = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
+        assert converted.returncode == 0, converted.stderr
+        assert (tmp_path / name).stat().st_size > 1000
     scene = fourdgs.read(str(path))
     assert scene.duration_sec == pytest.approx(clip.seconds(4))
     assert scene.provenance.frame.metres_per_unit == 1
@@ -398,7 +461,7 @@ def test_a_format_that_states_its_axes_has_no_choice(clip: Clip, tmp_path: Path,
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("name", "module"), [("4dgs", "fourdgs"), ("usd", "pxr")])
+@pytest.mark.parametrize(("name", "module"), [("4dgs", "fourdgs"), ("usd", "pxr"), ("usd-points", "pxr")])
 def test_a_missing_package_is_named(
     clip: Clip, tmp_path: Path, name: str, module: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
