@@ -84,7 +84,7 @@ def test_splats_look_like_the_model(clip: Clip, tmp_path: Path, axes: str) -> No
     export(replace(clip, axes=axes), "ply", tmp_path / "out", silent)
     turn = np.eye(3) if axes == "world" else VIEWER.as_matrix()
     for view in clip.path.views:
-        shown = seen_in_metres(read_splats(tmp_path / f"out/{view.name}.ply"), clip.loaded, view, turn)
+        shown = seen_in_metres(read_splats(tmp_path / f"out/clip_{view.name}.ply"), clip.loaded, view, turn)
         expected = draw(clip.loaded, view, clip.loaded.camera, ["color"]).color
         difference = np.abs(shown.astype(int) - expected.astype(int))
         assert difference.mean() < 0.1
@@ -216,7 +216,8 @@ def test_riders_are_exported_where_they_are_and_absent_groups_are_left_out(toy_r
     np.testing.assert_allclose(moved[~rides], 0, atol=1e-3)
     for name in ("points", "ply"):
         export(clip, name, tmp_path / name, silent)
-        vertex = PlyData.read(str(tmp_path / name / "000008.ply"))["vertex"].data
+        prefix = "clip_" if name == "ply" else ""
+        vertex = PlyData.read(str(tmp_path / name / f"{prefix}000008.ply"))["vertex"].data
         np.testing.assert_allclose(np.stack([vertex[n] for n in "xyz"], 1), later.means, atol=1e-4)
         # The layout of splats is fixed; that of points is free.
         assert ("group" in (vertex.dtype.names or ())) == (name == "points")
@@ -418,22 +419,23 @@ def test_between_two_views_a_gaussian_moves_straight_and_a_vanishing_one_stays()
 
 @pytest.mark.parametrize("name", ["ply", "points"])
 def test_a_stopped_export_continues(clip: Clip, tmp_path: Path, name: str) -> None:
-    out = tmp_path / "out"
+    out, prefix = tmp_path / "out", "clip_" if name == "ply" else ""
 
     def stop(_done: int, _total: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         export(clip, name, out, stop)
-    assert sorted(p.name for p in out.iterdir()) == ["000000.ply", "export.json"]
-    kept = (out / "000000.ply").stat().st_mtime_ns
+    assert sorted(p.name for p in out.iterdir()) == [f"{prefix}000000.ply", "export.json"]
+    kept = (out / f"{prefix}000000.ply").stat().st_mtime_ns
     export(clip, name, out, silent)
-    assert (out / "000000.ply").stat().st_mtime_ns == kept
-    assert sorted(p.name for p in out.iterdir()) == ["000000.ply", "000008.ply", "export.json"]
+    assert (out / f"{prefix}000000.ply").stat().st_mtime_ns == kept
+    assert sorted(p.name for p in out.iterdir()) == [f"{prefix}000000.ply", f"{prefix}000008.ply", "export.json"]
     settings = json.loads((out / "export.json").read_text())
     assert settings["exporter"] == name
     assert settings["identity"]["made_from"] == {"model": clip.loaded.identity.digest()}
-    (comment,) = PlyData.read(str(out / "000008.ply")).comments
+    *others, comment = PlyData.read(str(out / f"{prefix}000008.ply")).comments
+    assert others == (["SplatRenderMode: default"] if name == "ply" else [])
     assert json.loads(comment.removeprefix("aa4d ")) == settings["identity"]
     of_old = {key: value for key, value in settings.items() if key != "identity"}
     (out / "export.json").write_text(json.dumps(of_old))
@@ -478,7 +480,7 @@ def test_a_real_splat_tool_reads_the_same_splats(clip: Clip, tmp_path: Path) -> 
     if npx is None:
         pytest.skip("npx is not installed")
     export(clip, "ply", tmp_path / "out", silent)
-    source, table, viewer = tmp_path / "out/000008.ply", tmp_path / "read.csv", tmp_path / "view.html"
+    source, table, viewer = tmp_path / "out/clip_000008.ply", tmp_path / "read.csv", tmp_path / "view.html"
     command = [npx, "--yes", "@playcanvas/splat-transform"]
     if subprocess.run([*command, "--version"], capture_output=True, timeout=300).returncode:
         pytest.skip("the npm package @playcanvas/splat-transform cannot be had")
