@@ -65,6 +65,8 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> str | None:
             import_module(module)
         except ImportError:
             raise InputError(f"--format {name}: needs the package {package}; pip install {package}") from None
+    from aa4d.export.origin import geographic_origin
+
     write: Callable[[Clip, Path, Progress], str | None] = import_module(exporter.module).export
     settings = {
         "format": "aa4d-export",
@@ -76,4 +78,6 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> str | None:
     }
     index = index_of("export", clip.loaded, settings | clip.path.as_json())
     claim_folder(out, INDEX, index, "an export")
-    return write(replace(clip, identity=identity_of(index["identity"])), out, progress)
+    # The origin is in no index: an export goes on where the capture has gone in the meantime.
+    known = replace(clip, identity=identity_of(index["identity"]), origin=geographic_origin(clip.loaded))
+    return write(known, out, progress)

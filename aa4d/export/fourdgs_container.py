@@ -7,6 +7,7 @@ it is as in the first. The library quantises within bounds that it states in the
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -43,6 +44,8 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     metadata = {"coordinate_system": "z-up-right-handed"}
     if clip.identity is not None:
         metadata["aa4d"] = clip.identity.as_text()
+    if clip.origin is not None:
+        metadata["geographic_origin"] = json.dumps(dict(clip.origin))
     provenance = fourdgs.Provenance(frames=[frame])
     options = fourdgs.WriteOptions(library=f"aa4d {__version__}", provenance=provenance, metadata=metadata)
     with whole_file(path) as temporary:

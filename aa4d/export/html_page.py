@@ -148,6 +148,7 @@ def _header(clip: Clip, times: list[float], count: int, layout: dict[str, Any]) 
             "faintest": FAINTEST,
         },
         "attributes": layout,
+        "origin": None if clip.origin is None else dict(clip.origin),
         **({} if clip.identity is None else {"identity": clip.identity.as_json()}),
     }
 

@@ -26,8 +26,9 @@ def stage_of(clip: Clip, path: Path) -> Iterator[tuple[Any, list[float]]]:
         stage.SetFramesPerSecond(clip.path.fps)
         stage.SetStartTimeCode(0)
         stage.SetEndTimeCode(codes[-1])
-        if clip.identity is not None:
-            stage.GetRootLayer().customLayerData = {"aa4d": clip.identity.as_text()}
+        named = {} if clip.identity is None else {"aa4d": clip.identity.as_text()}
+        placed = {} if clip.origin is None else {"geographicOrigin": dict(clip.origin)}
+        stage.GetRootLayer().customLayerData = named | placed
         stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/AdaAnchor4D").GetPrim())
         yield stage, codes
         stage.GetRootLayer().Save()

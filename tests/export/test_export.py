@@ -30,6 +30,7 @@ from aa4d.export.clip import (
     turned,
     world_gaussians,
 )
+from aa4d.export.origin import geographic_origin
 from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
 from aa4d.export.usd_points import linear
 from aa4d.filming.camera_path import View, looking_at, path_of_frames, resampled, with_time
@@ -444,6 +445,24 @@ def test_a_stopped_export_continues(clip: Clip, tmp_path: Path, name: str) -> No
     with pytest.raises(InputError, match="holds an export with other settings"):
         export(clip, name, out, silent)
     assert [v["t"] for v in settings["views"]] == [v.t for v in clip.path.views]
+
+
+def test_where_on_earth_it_is_goes_along_while_the_capture_knows(toy_run: Path, tmp_path: Path) -> None:
+    origin = {"latitude_deg": 52.5, "longitude_deg": 13.4, "altitude_m": 34.0}
+    capture = tmp_path / "capture"
+    capture.mkdir()
+    loaded = replace(load_model(toy_run / "model.safetensors"), capture_folder=capture)
+    for world, expected in ((origin, origin), (origin | {"altitude_m": "high"}, None), (None, None)):
+        (capture / "capture.json").write_text(json.dumps({"generator": {"world": {"origin": world}}}))
+        assert geographic_origin(loaded) == expected
+    (capture / "capture.json").write_text(json.dumps({"generator": {"world": {"origin": origin}}}))
+    clip = Clip(loaded, path_of_frames(loaded, "held-out"), None)
+    export(clip, "ply", tmp_path / "ply", silent)
+    comments = PlyData.read(str(tmp_path / "ply/clip_000000.ply")).comments
+    assert json.loads(comments[1].removeprefix("geographic origin ")) == origin
+    (capture / "capture.json").unlink()
+    assert geographic_origin(loaded) is None
+    export(clip, "ply", tmp_path / "ply", silent)  # goes on all the same
 
 
 def test_another_export_or_folder_is_not_written_into(clip: Clip, tmp_path: Path) -> None:

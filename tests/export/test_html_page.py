@@ -175,7 +175,7 @@ def test_the_page_draws_what_the_model_does(seen: Watched, clip: Clip) -> None:
         expected = draw(clip.loaded, view, clip.path.camera, ["color"]).color
         assert decibels(shot(seen.page), expected) > 40
     seen.page.set_viewport_size({"width": WINDOW[0], "height": WINDOW[1]})
-    assert told(seen.page, "(player) => player.painter.name") in ("WebGL 2", "processor")
+    assert told(seen.page, "(player) => player.painter.name") in ("WebGL 2", "the processor")
 
 
 def test_between_two_keys_the_page_shows_what_lies_between(seen: Watched, clip: Clip) -> None:
@@ -262,7 +262,7 @@ def test_a_browser_without_webgl_draws_it_all_the_same(page_file: Path, browser:
             };""")
         seen.page.goto(f"{page_file.as_uri()}#play=off&painter=gpu")
         seen.page.wait_for_selector("body.ready", timeout=60_000)
-        assert told(seen.page, "(player) => player.painter.name") == "processor"
+        assert told(seen.page, "(player) => player.painter.name") == "the processor"
         expected = draw(clip.loaded, clip.path.views[0], clip.path.camera, ["color"]).color
         assert decibels(shot(seen.page), expected) > 40
 

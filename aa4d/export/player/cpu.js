@@ -5,7 +5,7 @@ const MOST_PIXELS = 1280 * 720; // of a picture at rest; larger ones are enlarge
 
 class CpuPainter {
   constructor(canvas, scene) {
-    Object.assign(this, { canvas, name: "processor", most: MOST_PIXELS, onnews: null });
+    Object.assign(this, { canvas, name: "the processor", most: MOST_PIXELS, onnews: null });
     this.context = canvas.getContext("2d", { alpha: false });
     const count = Math.min(Math.max(navigator.hardwareConcurrency || 1, 1), MOST_WORKERS);
     this.workers = Array.from({ length: count }, (_, first) => {

@@ -220,7 +220,8 @@ class Player {
     element("about").addEventListener("click", (event) => event.target === element("about") && event.target.close());
     element("title").textContent = header.title;
     element("facts").textContent = `${header.count.toLocaleString("en")} Gaussians of the method ${header.method} at `
-      + `${header.t.length} times; ${header.generator}; drawn by the ${this.painter.name}.`;
+      + `${header.t.length} times; ${header.generator}; drawn by ${this.painter.name}.`
+      + (header.origin ? ` Filmed around ${header.origin.latitude_deg.toFixed(5)}, ${header.origin.longitude_deg.toFixed(5)}.` : "");
     addEventListener("keydown", (event) => this.#key(event));
     const touched = () => this.#busy();
     addEventListener("pointermove", touched);
