@@ -47,6 +47,7 @@ class ImportOptions:
     largest: int = 2_000_000  # points
 
 
+SOFT_PIXELS = 0.3**0.5  # of the capture: standard deviation of the filter that aa4d's rasteriser draws with
 MOST_VEHICLES = 1000  # that become objects
 
 
@@ -72,7 +73,8 @@ def import_model(
     loaded = playback.load(path)
     source, clip = loaded.source, loaded.source.clip
     carrier = options.carrier if options.carrier in source.known_carriers else source.known_carriers[0]
-    look = options.look or (materials.POINTS if carrier == names.ANCHORS else materials.GAUSSIANS)
+    gaussians = materials.SPLATS if look_nodes.SPLATS_KNOWN else materials.GAUSSIANS
+    look = options.look or (materials.POINTS if carrier == names.ANCHORS else gaussians)
     view = properties.CAPTURE if source.kind == TRACK else options.view  # its colours do not follow a camera
     options = replace(options, carrier=carrier, look=look, view=view)
     count = point_count(source, carrier)
@@ -176,6 +178,7 @@ def _make_object(name: str, place: _Place, rows: Indices) -> bpy.types.Object:
     look = obj.modifiers.new(names.LOOK_MODIFIER, "NODES")
     look.node_group = look_nodes.look_group()
     modifiers.put(look, look_nodes.LOOK, options.look)
+    modifiers.put(look, look_nodes.SOFTNESS, SOFT_PIXELS / float(clip.camera.K[0, 0]))
     return obj
 
 
