@@ -22,6 +22,7 @@ from . import (
     points,
     properties,
     time_nodes,
+    trained_picture,
 )
 from .camera import capture_folder, create_camera, show_frames
 from .clip import Clip
@@ -43,6 +44,7 @@ class ImportOptions:
     background_frames: bool = True
     set_timeline: bool = True
     set_up_scene: bool = False
+    trained_picture: bool = False
     vehicles: bool = True  # an object for each vehicle, where the model has any
     largest: int = 2_000_000  # points
 
@@ -99,6 +101,8 @@ def import_model(
         obj, camera = _make(place, scene, collection, divided)
         if options.set_up_scene:
             set_up_scene(scene, camera, clip)
+        if options.trained_picture or trained_picture.is_on(scene):
+            trained_picture.turn(scene, True)
         if options.set_timeline:
             (set_timeline if fresh else extend_timeline)(scene, clip)
             scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))

@@ -92,7 +92,11 @@ def look_group() -> bpy.types.NodeTree:
         materials.GAUSSIANS: _gaussians(tree, geometry, shown),
     }
     if SPLATS_KNOWN:
-        looks[materials.SPLATS] = _splats(tree, geometry, shown)
+        # Nodes of its own that another Blender does not know make nothing there: then Gaussians stand in.
+        splats = _splats(tree, geometry, shown)
+        count = tree.node("GeometryNodeAttributeDomainSize", {"Geometry": splats}, component="POINTCLOUD").outputs
+        known = tree.compare(socket(count, "Point Count"), "GREATER_THAN", 0.5)
+        looks[materials.SPLATS] = tree.switch("GEOMETRY", known, looks[materials.GAUSSIANS], splats)
     drawn = tree.menu("GEOMETRY", LOOK, [(look, LOOKS[look], looks[look]) for look in LOOKS])
     join = tree.group.nodes.new("GeometryNodeJoinGeometry")
     tree.group.links.new(_ghosts(tree, geometry, shown), join.inputs[0])
@@ -101,6 +105,11 @@ def look_group() -> bpy.types.NodeTree:
     haunted = tree.compare(_trail_length(tree, geometry), "GREATER_THAN", 0.5)
     tree.finish(tree.switch("GEOMETRY", haunted, drawn, join.outputs[0]))
     return group
+
+
+def is_of_plain_edition(group: bpy.types.NodeTree) -> bool:
+    """Whether it is the look of this version, made by a Blender without splats of its own."""
+    return group.get(names.VERSION_PROPERTY) == f"AdaAnchor4D Look {VERSION}" and not group.library
 
 
 def shown_group() -> bpy.types.NodeTree:

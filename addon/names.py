@@ -77,6 +77,9 @@ STAMP_PROPERTY = "aa_stamp"  # on the mesh: what its attributes were evaluated f
 PLACED_PROPERTY = "aa_placed"  # on the mesh: the time that its positions were evaluated for, and their checksum
 MAP_PROPERTY = "aa_map"  # on the mesh: 4 x 4 numbers, from the model's metres to the mesh's; absent where they agree
 
+KEPT_PROPERTY = "aa_kept"  # on a scene that shows the trained picture: its settings before that
+BACKGROUND_PROPERTY = "aa_background"  # on the world that an import made: the model's background, sRGB and linear
+
 FIRST_FRAME = 1  # the timeline's frame of the clip's first frame, unless a person moves it
 
 
