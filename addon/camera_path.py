@@ -10,11 +10,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from . import modifiers as inputs
-from . import placement, playback, time_nodes
+from . import placement, playback
 from .camera import OPENCV_TO_BLENDER
+from .clip import Clip
 from .header import Doubles
-from .names import TIME_MODIFIER
 
 FORMAT, VERSION = "aa4d-camera-path", 1
 SAME = 1e-4  # how much axes may differ from those of a similarity, and a lens from the first one
@@ -25,14 +24,16 @@ def write(path: Path, obj: bpy.types.Object, context: bpy.types.Context, frames:
 
     Raises:
         OSError: there is no such camera, its lens changes, the object is stretched, or the file cannot be written.
+        ModelFileError: the model, which knows the times, is not found.
     """
+    clip = playback.loaded_of(obj).source.clip
     scene, before = context.scene, context.scene.frame_current_final
     try:
         views, cameras = [], []
         for frame in frames:
             scene.frame_set(frame)
             depsgraph = context.evaluated_depsgraph_get()
-            views.append(_view(obj.evaluated_get(depsgraph), scene, depsgraph))
+            views.append(_view(obj.evaluated_get(depsgraph), clip, scene, depsgraph))
             cameras.append(_intrinsics(scene, depsgraph))
     finally:
         scene.frame_set(math.floor(before), subframe=before % 1)
@@ -49,7 +50,7 @@ def write(path: Path, obj: bpy.types.Object, context: bpy.types.Context, frames:
         partial.unlink(missing_ok=True)
 
 
-def _view(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
+def _view(obj: bpy.types.Object, clip: Clip, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
     """Pose and time at the current frame; `obj` is evaluated."""
     kept = placement.map_of(obj.original.data)
     place = np.array(obj.matrix_world, np.float64) @ (np.eye(4) if kept is None else kept)
@@ -62,16 +63,8 @@ def _view(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.De
     viewmat = np.eye(4)
     viewmat[:3, :3] = axes.T
     viewmat[:3, 3] = -axes.T @ np.linalg.solve(place, matrix[:, 3])[:3]
-    return {"t": _time(obj, scene), "viewmat": viewmat.tolist()}
-
-
-def _time(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """The t in [0, 1] that an evaluated object shows; its model file is not needed."""
-    modifier = inputs.of(obj, TIME_MODIFIER)
-    if modifier is None:
-        raise OSError(f"{obj.name} has lost its modifier {TIME_MODIFIER}; import the model anew")
-    frames = time_nodes.clip_time_of(modifier).frames
-    return playback.clip_time_of(obj, frames).rank(scene.frame_current_final) / max(frames - 1, 1)
+    rank = playback.clip_time_of(obj, clip.frame_count).rank(scene.frame_current_final)
+    return {"t": clip.time_of_rank(rank), "viewmat": viewmat.tolist()}
 
 
 def _intrinsics(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:

@@ -12,7 +12,9 @@ from .container import Floats
 from .field import PLANES, Field, TimeNetwork
 from .products import over_chunks
 
-INTERVALS = 16  # between the first and the last frame; docs/addon.md says what that costs in accuracy
+# Between the first and the last frame, of a clip that is long enough: docs/addon.md says what that costs in accuracy. A
+# knot costs more than it saves where fewer frames share it.
+MOST_INTERVALS, FEWEST_INTERVALS, FRAMES_A_KNOT = 16, 6, 6
 KEPT = 3  # knots of each network: playback goes forwards or backwards
 
 
@@ -48,12 +50,13 @@ class Mixed:
 class Knots:
     """The knots of a model, as far as they were needed."""
 
+    intervals: int
     known: dict[tuple[str, int], Floats] = field(default_factory=dict)
 
     def at(self, model: Field, t: float, *, offsets: bool) -> Mixed:
         """The networks at t; those of the offsets only where they are needed."""
-        place = min(max(t, 0.0), 1.0) * INTERVALS
-        low = min(int(place), INTERVALS - 1)
+        place = min(max(t, 0.0), 1.0) * self.intervals
+        low = min(int(place), self.intervals - 1)
         return Mixed(
             np.float32(place - low),
             self._around("shares", model.weights, low, model.model.anchor_count),
@@ -70,8 +73,14 @@ class Knots:
                 mine = [key for key in self.known if key[0] == name]
                 for key in mine[: max(0, len(mine) + 1 - KEPT)]:
                     del self.known[key]
-                self.known[name, knot] = _evaluated(network, knot / INTERVALS, count, shares=name == "shares")
+                self.known[name, knot] = _evaluated(network, knot / self.intervals, count, shares=name == "shares")
         return self.known[name, low], self.known[name, low + 1]
+
+
+def of_clip(frames: int) -> Knots | None:
+    """Knots for a clip of so many frames; None where every frame is to be evaluated."""
+    intervals = min(frames // FRAMES_A_KNOT, MOST_INTERVALS)
+    return Knots(intervals) if intervals >= FEWEST_INTERVALS else None
 
 
 def _evaluated(network: TimeNetwork, t: float, count: int, *, shares: bool) -> Floats:

@@ -1,5 +1,6 @@
 """The modifier that draws the points: the looks, what colours them, what hides them, ghosts of earlier frames."""
 
+import re
 from typing import Any, NamedTuple
 
 import bpy
@@ -7,7 +8,7 @@ import bpy
 from . import materials, names
 from .node_tree import Tree, socket, versioned_group
 
-VERSION = 7
+NAME, VERSION = "AdaAnchor4D Look", 7
 # From 5.3 on Blender draws Gaussians itself. Files go from one Blender to another: the group of one that knows the look
 # is not taken for that of one that does not.
 SPLATS_KNOWN = hasattr(bpy.types, "GeometryNodePointsSetType")
@@ -75,7 +76,7 @@ NO_LIMIT_M = 1e6
 
 def look_group() -> bpy.types.NodeTree:
     """The group of the look modifier."""
-    group, made = versioned_group("AdaAnchor4D Look", EDITION)
+    group, made = versioned_group(NAME, EDITION)
     if not made:
         return group
     tree = Tree(group)
@@ -107,9 +108,10 @@ def look_group() -> bpy.types.NodeTree:
     return group
 
 
-def is_of_plain_edition(group: bpy.types.NodeTree) -> bool:
-    """Whether it is the look of this version, made by a Blender without splats of its own."""
-    return group.get(names.VERSION_PROPERTY) == f"AdaAnchor4D Look {VERSION}" and not group.library
+def lacks_splats(group: bpy.types.NodeTree) -> bool:
+    """Whether it is a look without splats, of this version or an older one, where this Blender has them."""
+    label = str(group.get(names.VERSION_PROPERTY))
+    return SPLATS_KNOWN and re.fullmatch(rf"{NAME} \d+", label) is not None and not group.library
 
 
 def shown_group() -> bpy.types.NodeTree:

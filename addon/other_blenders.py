@@ -19,7 +19,7 @@ def welcome(*_: object) -> None:
         look = modifiers.of(obj, names.LOOK_MODIFIER)
         if look is None or obj.library is not None or obj.override_library is not None:
             continue
-        if look_nodes.is_of_plain_edition(look.node_group) and look_nodes.SPLATS_KNOWN:
+        if look_nodes.lacks_splats(look.node_group):
             kept = modifiers.values_of(look)
             look.node_group = look_nodes.look_group()
             for name, value in kept.items():

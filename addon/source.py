@@ -1,6 +1,5 @@
 """The files that an object can show, as one kind of thing: a model of anchors, and a track of Gaussians."""
 
-import dataclasses
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from .clip import Clip
 from .container import Floats, read_metadata
 from .field import Field, Indices, prepare
 from .header import Doubles
-from .knots import Knots
+from .knots import Knots, of_clip
 from .model import Model, read_model
 from .track import FORMAT, Track, read_track
 
@@ -93,7 +92,7 @@ class ModelSource:
     offers: ClassVar[Collection[names.Attribute]] = (*names.APPEARANCE, *names.SHAPE, *names.INSPECTION)
 
     field: Field
-    knots: Knots = dataclasses.field(default_factory=Knots)
+    knots: Knots | None = None  # for quick frames; without them those are exact
 
     @property
     def model(self) -> Model:
@@ -241,7 +240,8 @@ def read_source(path: str) -> Source:
     """
     if _format(read_metadata(Path(path))) == FORMAT:
         return TrackSource(read_track(path))
-    return ModelSource(prepare(read_model(path)))
+    field = prepare(read_model(path))
+    return ModelSource(field, of_clip(field.model.frame_count))
 
 
 def _format(metadata: Mapping[str, str]) -> object:

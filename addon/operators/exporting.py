@@ -7,6 +7,7 @@ from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ExportHelper
 
 from .. import camera_path, exporter, parts
+from ..container import ModelFileError
 from .on_imported import OnImportedObject
 
 
@@ -121,7 +122,7 @@ class ExportCameraPath(_Export, bpy.types.Operator):
         try:
             frames = self.frames(context.scene)
             camera_path.write(self.target((self.filename_ext,)), parts.lead(context.active_object), context, frames)
-        except OSError as error:
+        except (OSError, ModelFileError) as error:
             return self.failed(error)
         self.report({"INFO"}, translated("Wrote {} views").format(len(frames)))
         return {"FINISHED"}
