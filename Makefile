@@ -64,7 +64,7 @@ wheel: $(VENV)/installed
 
 bench-addon: extension
 	$(BIN)/python addon/bench_addon.py --extension dist/adaanchor4d.zip --json dist/bench-addon.json \
-		$(if $(MODEL),--model $(MODEL))
+		$(if $(MODEL),--model $(MODEL)) $(if $(PICTURES),--pictures $(PICTURES))
 
 stress: $(VENV)/installed
 	$(BIN)/aa4d stress --write docs/hard-cases.md

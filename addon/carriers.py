@@ -23,6 +23,7 @@ from .field import (
     presence,
     to_world,
 )
+from .knots import Knots
 from .model import Doubles
 
 # How many standard deviations of its Gaussians an anchor's point reaches: fewer leave gaps, more hide small neighbours.
@@ -37,17 +38,24 @@ def points_per_anchor(field: Field, carrier: str) -> int:
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is found below
 def evaluate(
-    field: Field, carrier: str, t: float, camera_center: Doubles, wanted: Collection[names.Attribute]
+    field: Field,
+    carrier: str,
+    t: float,
+    camera_center: Doubles,
+    wanted: Collection[names.Attribute],
+    knots: Knots | None = None,
 ) -> dict[names.Attribute, Floats]:
     """The attributes of the carrier at time t, one row a point, as a camera at `camera_center` [3] (metres) sees them.
 
-    Of `names.SHAPE` and `names.INSPECTION` what is wanted; the others always.
+    Of `names.SHAPE` and `names.INSPECTION` what is wanted; the others always. `knots` make it quicker and less exact.
 
     Raises:
         ModelFileError: the model's numbers overflow there.
     """
     shape = names.SCALE in wanted
-    state = anchor_state(field, t, offsets=carrier == names.GAUSSIANS)
+    offsets = carrier == names.GAUSSIANS
+    mixed = None if knots is None else knots.at(field, t, offsets=offsets)
+    state = anchor_state(field, t, offsets=offsets, mixed=mixed)
     if carrier == names.ANCHORS:
         values = _anchors(field, state, camera_center, shape=shape)
     else:
