@@ -77,7 +77,8 @@ def test_the_gradient_of_the_exact_network_is_met_to_a_percent() -> None:
     (two_layer(x, [tuple(layers)], 0.4, "bfloat16")[0] * push).sum().backward()  # type: ignore[list-item]
     (_two_layer(exact[0], [tuple(exact[1:])], 0.4)[0] * push).sum().backward()  # type: ignore[list-item]
     for found, truth in zip((x, *layers), exact, strict=True):
-        assert found.grad is not None and truth.grad is not None
+        assert found.grad is not None
+        assert truth.grad is not None
         assert (found.grad - truth.grad).norm() <= 0.06 * truth.grad.norm()
 
 
@@ -139,6 +140,7 @@ def test_a_model_is_told_its_arithmetic_and_float32_is_what_it_starts_with() -> 
     use_arithmetic(model, "bfloat16")
     rounded = evaluate_together((first, second), x)
     assert torch.equal(rounded[1], two_layer(x, [second.layers()], None, "bfloat16")[0])
-    assert torch.equal(rounded[0], first(x)) and not torch.equal(rounded[0], exact[0])
+    assert torch.equal(rounded[0], first(x))
+    assert not torch.equal(rounded[0], exact[0])
     use_arithmetic(model, "float32")
     assert torch.equal(first(x), exact[0])

@@ -228,6 +228,68 @@ void for_blocks(std::size_t begin, std::size_t end, const Body& body) {
   }
 }
 
+// The rows of [begin, end) that have a gradient at an output. The others add zero to every sum, in training a fifth of
+// them: anchors that are hidden, or of which nothing is drawn.
+std::vector<std::size_t> rows_with_gradient(const std::vector<Layers>& networks, const std::vector<const float*>& d_y,
+                                            std::size_t begin, std::size_t end) {
+  std::vector<std::size_t> found;
+  for (std::size_t row = begin; row < end; ++row) {
+    std::uint32_t bits = 0;  // but for signs: of minus zero there are none
+    for (std::size_t i = 0; i < networks.size(); ++i) {
+      const float* const d = d_y[i] + row * networks[i].outputs;
+      for (int k = 0; k < networks[i].outputs; ++k) bits |= std::bit_cast<std::uint32_t>(d[k]) << 1;
+    }
+    if (bits != 0) found.push_back(row);
+  }
+  return found;
+}
+
+// Those rows of one block, one after another, and where their d_x goes.
+class Gathered {
+ public:
+  Gathered(const std::size_t* rows, int count, const std::vector<Layers>& networks, int inputs, const float* x,
+           const std::vector<const float*>& d_y, float* d_x)
+      : rows_(rows), count_(count), inputs_(inputs), x_(x + rows[0] * inputs), d_x_(d_x) {
+    const bool together = rows[count - 1] - rows[0] + 1 == static_cast<std::size_t>(count);
+    is_copy_ = !together;
+    for (std::size_t i = 0; i < networks.size(); ++i) d_y_.push_back(d_y[i] + rows[0] * networks[i].outputs);
+    if (together) {
+      place_ = d_x ? d_x + rows[0] * inputs : nullptr;
+      return;
+    }
+    static thread_local Buffer<float> memory;
+    std::size_t width = 2 * inputs;
+    for (const Layers& layers : networks) width += layers.outputs;
+    memory.resize_discarding(width * count);
+    float* free = memory.data();
+    const auto copy = [&](const float* from, int columns) {
+      float* const to = free;
+      for (int i = 0; i < count; ++i) std::copy_n(from + rows[i] * columns, columns, to + i * columns);
+      free += static_cast<std::size_t>(count) * columns;
+      return to;
+    };
+    x_ = copy(x, inputs);
+    for (std::size_t i = 0; i < networks.size(); ++i) d_y_[i] = copy(d_y[i], networks[i].outputs);
+    place_ = d_x ? free : nullptr;
+  }
+
+  const float* x() const { return x_; }
+  const float* d_y(std::size_t network) const { return d_y_[network]; }
+  float* d_x() const { return place_; }
+  void scatter() const {
+    if (!is_copy_ || d_x_ == nullptr) return;
+    for (int i = 0; i < count_; ++i) std::copy_n(place_ + i * inputs_, inputs_, d_x_ + rows_[i] * inputs_);
+  }
+
+ private:
+  const std::size_t* rows_;
+  int count_, inputs_;
+  bool is_copy_;
+  const float* x_;
+  std::vector<const float*> d_y_;
+  float *d_x_, *place_;
+};
+
 template <class Weights>
 void forward(const std::vector<Layers>& networks, std::optional<float> time, std::size_t rows, const float* x,
              const std::vector<float*>& y, int threads) {
@@ -263,15 +325,19 @@ void backward(const std::vector<Layers>& networks, std::optional<float> time, st
     const auto scratch = scratch_for(packed);
     float* const place = sums.data() + part * size;
     std::fill_n(place, size, 0.0f);
-    for_blocks(part * part_rows, std::min(rows, (part + 1) * part_rows), [&](std::size_t row, int count) {
-      Weights::take_input(scratch, inputs, count, x + row * inputs, true);
+    const std::size_t begin = part * part_rows, end = std::min(rows, begin + part_rows);
+    const std::vector<std::size_t> used = rows_with_gradient(networks, d_y, begin, end);
+    if (d_x && used.size() < end - begin) std::fill(d_x + begin * inputs, d_x + end * inputs, 0.0f);
+    for_blocks(0, used.size(), [&](std::size_t first, int count) {
+      const Gathered block(used.data() + first, count, networks, inputs, x, d_y, d_x);
+      Weights::take_input(scratch, inputs, count, block.x(), true);
       for (std::size_t i = 0; i < packed.size(); ++i) {
         const GradientLayout& at = layouts[i];
         packed[i].backward(
-            scratch, count, x + row * inputs, d_y[i] + row * packed[i].network.outputs,
-            d_x ? d_x + row * inputs : nullptr, i > 0,
+            scratch, count, block.x(), block.d_y(i), block.d_x(), i > 0,
             {place + at.hidden_rows, place + at.output_rows, place + at.hidden_bias, place + at.output_bias});
       }
+      block.scatter();
     });
   });
   constexpr std::size_t kRange = 4096;
