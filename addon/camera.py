@@ -64,11 +64,11 @@ def show_frames(camera: bpy.types.Object, clip: Clip, stretch: float) -> bool:
     user.frame_start, user.frame_duration = names.FIRST_FRAME, count
     user.frame_offset = number - 1  # Blender takes the first file of a sequence for number 1
     if not clip.is_even:  # Blender shows a file a frame: the offset makes up for it
-        passed = np.arange(math.ceil(clip.ranks[-1] * stretch) + 1)
-        user.frame_duration = len(passed)
-        shown = np.searchsorted(clip.ranks, passed / stretch + 1e-4, side="right") - 1
+        frames = np.arange(math.ceil(clip.ranks[-1] * stretch) + 1, dtype=np.float64)
+        user.frame_duration = len(frames)
+        shown = np.searchsorted(clip.ranks, frames / stretch + 1e-4, side="right") - 1
         path_of_offset = "background_images[0].image_user.frame_offset"
-        animate(camera.data, path_of_offset, (number - 1 + shown - passed)[:, None], passed, "CONSTANT")
+        animate(camera.data, path_of_offset, (number - 1 + shown - frames)[:, None], frames, "CONSTANT")
     elif stretch != 1:
         user.frame_duration = math.ceil((count - 1) * stretch) + 1
         driver = camera.data.driver_add("background_images[0].image_user.frame_offset").driver

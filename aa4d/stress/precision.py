@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -206,7 +207,7 @@ def measure(subject: Subject, repeats: int) -> Iterator[Row]:
         inputs = [x.to(dtype) for x in subject.inputs]
         found = values_and_gradients(f, inputs)
         value, gradient = (worst(ours, theirs) for ours, theirs in zip(found, truth, strict=True))
-        seconds = min(_seconds(lambda f=f, inputs=inputs: values_and_gradients(f, inputs)) for _ in range(repeats))
+        seconds = min(_seconds(partial(values_and_gradients, f, inputs)) for _ in range(repeats))
         yield Row(subject.name, arithmetic, by, value, gradient, 1e3 * seconds)
 
 
@@ -232,11 +233,12 @@ def figure(rows: Sequence[Row]) -> Figure:
     axes = picture.add_subplot()
     names = list(dict.fromkeys(row.subject for row in rows))
     for i, name in enumerate(names):
-        own = [row for row in rows if row.subject == name and row.gradient_error]  # of float64 it is 0
+        # Of float64 the error is 0, which a logarithmic axis does not have.
+        own = [(row, row.gradient_error) for row in rows if row.subject == name and row.gradient_error]
         color = f"C{i % 10}" if i < 10 else "k"
-        axes.plot([row.ms for row in own], [row.gradient_error for row in own], "-", color=color, alpha=0.25)
-        for row in own:
-            axes.plot(row.ms, row.gradient_error, MARKS[row.arithmetic, row.by], color=color, markersize=8)
+        axes.plot([row.ms for row, _ in own], [error for _, error in own], "-", color=color, alpha=0.25)
+        for row, error in own:
+            axes.plot(row.ms, error, MARKS[row.arithmetic, row.by], color=color, markersize=8)
         axes.plot([], [], "-", color=color, label=name)
     for (arithmetic, by), mark in MARKS.items():
         if arithmetic != "float64":
