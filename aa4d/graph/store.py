@@ -123,10 +123,10 @@ class Store:
             "alike": task.alike,
             "files": files,
         }
-        _beside(folder, ".json").unlink(missing_ok=True)
+        # In this order: killed in between, the next try finds all in the unfinished folder, and has little to do.
+        write_json(_beside(folder, ".json"), record | {"sum": digest_of(record)})
         shutil.rmtree(folder, ignore_errors=True)
         part.replace(folder)
-        write_json(_beside(folder, ".json"), record | {"sum": digest_of(record)})
         _beside(folder, ".part.json").unlink(missing_ok=True)
         return Kept(result, record["seconds"], _content(files, result))
 
