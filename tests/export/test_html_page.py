@@ -163,7 +163,8 @@ def shot(page: Page) -> np.ndarray:
 
 
 def decibels(a: np.ndarray, b: np.ndarray) -> float:
-    return float(-10 * np.log10(((a.astype(float) - b) ** 2).mean() / 255**2))
+    error = ((a.astype(float) - b) ** 2).mean() / 255**2
+    return float(-10 * np.log10(max(error, 1e-12)))
 
 
 def test_the_page_draws_what_the_model_does(seen: Watched, clip: Clip) -> None:
