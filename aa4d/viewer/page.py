@@ -312,6 +312,8 @@ class Page:
     # Pictures on their way.
 
     def _send(self, seat: Seat, sent: Sent) -> None:
+        if seat.client.client_id not in self._seats:  # it has just left
+            return
         pixels = sent.picture.pixels
         is_sharp = pixels.shape[1::-1] == seat.size
         seat.client.scene.set_background_image(

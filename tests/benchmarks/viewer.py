@@ -21,9 +21,9 @@ from aa4d.viewer.server import serve
 from tests.browser import launched, watched
 
 WIDTH, HEIGHT = 640, 360
-PRESSES = 15
-PLAYED_S = 15.0
-PATIENCE_MS = 60_000
+PRESSES = 9
+PLAYED_S = 12.0
+PATIENCE_MS = 300_000
 HAS_WHOLE = f"pictures.some(p => p[1] == {WIDTH})"
 WATCH = """
 window.keys = []; window.pictures = [];
@@ -49,7 +49,7 @@ def measure(run: Path) -> dict[str, Any]:
     try:
         with launched() as browser, watched(browser, WIDTH, HEIGHT, allowed=address) as seen:
             seen.page.add_init_script(WATCH)
-            seen.page.goto(f"http://{address}")
+            seen.page.goto(f"http://{address}", timeout=PATIENCE_MS)
             seen.page.wait_for_function(HAS_WHOLE, timeout=PATIENCE_MS)
             first, sharp = [], []
             for _ in range(PRESSES):

@@ -11,7 +11,8 @@ cp "$here/../toy_capture.py" "$clean"
 torch=$(sed -n 's/^torch==/torch==/p' "$here/../../constraints.txt")
 cd "$clean"
 # Nothing but the environment's own programs: what needs a compiler fails.
-alone="env -i HOME=$clean PATH=$clean/venv/bin OMP_NUM_THREADS=1"
+# pip's settings stay, which say where packages come from.
+alone="env -i HOME=$HOME PATH=$clean/venv/bin OMP_NUM_THREADS=1 $(env | grep '^PIP_' | tr '\n' ' ')"
 for tool in gcc g++ cc c++ clang cmake ninja blender; do
   if $alone "$(command -v sh)" -c "command -v $tool" >/dev/null; then echo "check.sh: $tool is in reach"; exit 1; fi
 done
