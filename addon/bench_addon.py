@@ -308,11 +308,11 @@ def pictures(module: str, model_path: Path, folder: Path, samples: int, scratch:
         for trained in (False, True):
             bpy.ops.aa4d.trained_picture(use=trained)
             decibels, seconds = [], []
-            for rank, image in enumerate(clip.images):
+            for rank, image in zip(clip.ranks.tolist(), clip.images, strict=True):
                 target = folder / f"{Path(image).stem}.png"
                 if not target.is_file():
                     continue
-                scene.frame_set(1 + rank)
+                scene.frame_set(1 + int(rank), subframe=rank % 1)
                 scene.render.filepath = str(scratch / "picture.png")
                 start = time.process_time()
                 bpy.ops.render.render(write_still=True)

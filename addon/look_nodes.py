@@ -141,7 +141,8 @@ def _sized(tree: Tree) -> Any:
 def _softened(tree: Tree) -> Any:
     """The scales of the points as the rasteriser that trained them drew them: it widens each Gaussian on the screen.
 
-    `SOFTNESS` is the standard deviation of what it adds, as a share of the depth from the active camera.
+    `SOFTNESS` is the standard deviation of what it adds, as a share of the depth from the active camera; without one
+    nothing is added.
     """
     camera = tree.group.nodes.new("GeometryNodeInputActiveCamera").outputs[0]
     info = tree.node("GeometryNodeObjectInfo", {"Object": camera}, transform_space="RELATIVE")
@@ -153,7 +154,9 @@ def _softened(tree: Tree) -> Any:
     added = tree.math("POWER", tree.math("MULTIPLY", depth, tree.input(SOFTNESS)), 2.0)
     scale = tree.named(names.SCALE.name, names.SCALE.type)
     wider = tree.vector("POWER", tree.vector("ADD", tree.vector("MULTIPLY", scale, scale), added), (0.5, 0.5, 0.5))
-    soft = tree.compare(tree.input(SOFTNESS), "GREATER_THAN", 0.0)
+    # Without a camera the node gives a place that no camera has: the object's own origin.
+    there = tree.compare(tree.vector("LENGTH", socket(info.outputs, "Location")), "GREATER_THAN", 0.0)
+    soft = tree.logic("AND", there, tree.compare(tree.input(SOFTNESS), "GREATER_THAN", 0.0))
     return tree.vector("SCALE", tree.switch("VECTOR", soft, scale, wider), tree.input(SIZE))
 
 
