@@ -17,6 +17,7 @@ from aa4d.commands.capture import capture
 from aa4d.commands.compare import compare
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
+from aa4d.commands.experiment import experiment
 from aa4d.commands.export import export
 from aa4d.commands.inspect import inspect
 from aa4d.commands.render import render
@@ -49,6 +50,7 @@ COMMANDS: dict[str, Command] = {
     "compare": compare,
     "ablate": ablate,
     "sweep": sweep,
+    "experiment": experiment,
     "bench": bench.COMMANDS,
     "stress": stress,
 }

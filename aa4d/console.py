@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -16,6 +16,11 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+from aa4d.graph.costs import Costs
+from aa4d.graph.events import Event, Failed, Finished, Said
+from aa4d.graph.remaining import Remaining
+from aa4d.graph.task import Task
 
 SECONDS_BETWEEN_LINES = 10.0
 console = Console(markup=False)  # a path may hold brackets
@@ -64,65 +69,86 @@ class TrainingBar:
 
 
 @contextmanager
-def experiment_progress() -> Iterator[ExperimentBar]:
+def graph_listener(slots: int, costs: Costs | None = None) -> Iterator[Callable[[Sequence[Task]], GraphBar]]:
+    """Gives what makes a listener for the tasks of a graph, in the order in which they are run.
+
+    Args:
+        slots: tasks that are run at a time.
+        costs: what has been measured before.
+    """
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=True),
         TextColumn("{task.fields[state]}"),
         console=console,
         disable=not console.is_terminal,
     ) as bar:
-        yield ExperimentBar(bar)
+        shown: list[GraphBar] = []
+
+        def listen(tasks: Sequence[Task]) -> GraphBar:
+            shown.append(GraphBar(bar, Remaining(tasks, costs or Costs(), slots)))
+            return shown[0]
+
+        yield listen
+        for graph_bar in shown:
+            graph_bar.tell_what_was()
 
 
-class ExperimentBar:
-    """One bar over the iterations of all runs, and a line for each run that ends."""
+class GraphBar:
+    """Listens to the events of a graph: one bar over all tasks, and a line for each that ends."""
 
-    def __init__(self, bar: Progress) -> None:
+    def __init__(self, bar: Progress, remaining: Remaining) -> None:
         self._bar = bar
-        self._task: TaskID | None = None
-        self._at: dict[str, int] = {}
-        self._runs = self._ended = self._iterations = 0
-        self._started = time.monotonic()
+        self._remaining = remaining
+        self._before = 0
+        self._task = bar.add_task("tasks", total=1.0, state="")
 
-    def start(self, trials: int, finished: int, iterations: int) -> None:
-        self._runs, self._ended, self._iterations = trials, finished, iterations
-        self._started = time.monotonic()
-        if finished:
-            console.print(f"{finished} of {trials} runs were done before", highlight=False)
-        self._task = self._bar.add_task("runs", total=iterations, state="")
+    def __call__(self, event: Event) -> None:
+        self._remaining(event)
+        if isinstance(event, Finished) and event.before:
+            self._before += 1
+        else:
+            self.tell_what_was()
+        if isinstance(event, Said):
+            self._line(f"{event.task.title}: {event.text}")
+        elif isinstance(event, Finished) and not event.before:
+            psnr = event.kept.result.get("psnr")
+            took = "" if event.kept.seconds is None else words_of(event.kept.seconds)
+            self._ended(event.task.title, f"{psnr:.2f} dB" if isinstance(psnr, float) else took)
+        elif isinstance(event, Failed) and event.because is None:
+            self._ended(event.task.title, event.sentence)
+        self._bar.update(self._task, completed=self._remaining.share, state=self._state())
 
-    def trial_started(self, name: str) -> None:
-        self._at[name] = 0
-        self._show()
+    def tell_what_was(self) -> None:
+        """How many tasks were found done, once."""
+        if self._before:
+            self._line(f"{self._before} of {self._remaining.total} tasks were done before")
+            self._before = 0
 
-    def trial_at(self, name: str, iterations: int) -> None:
-        self._at[name] = iterations
-        self._show()
+    def _ended(self, title: str, sentence: str) -> None:
+        line = f"{self._remaining.done}/{self._remaining.total}  {title}: {sentence}"
+        left = self._remaining.seconds()
+        if not console.is_terminal and left:  # where there is no bar
+            line += f"  (about {words_of(left)} left)"
+        self._line(line)
 
-    def trial_ended(self, name: str, sentence: str) -> None:
-        self._ended += 1
-        line = f"{self._ended}/{self._runs}  {name}: {sentence}"
-        if not console.is_terminal:  # where there is no bar
-            line += self._left()
-        console.print(line, highlight=False, soft_wrap=True)
+    def _line(self, text: str) -> None:
+        console.print(text, highlight=False, soft_wrap=True)
 
-    def _left(self) -> str:
-        """In minutes, at the mean pace so far; methods differ in theirs."""
-        done = sum(self._at.values())
-        if not done or self._ended == self._runs:
-            return ""
-        seconds = (time.monotonic() - self._started) / done * max(self._iterations - done, 0)
-        return f"  (about {seconds / 60:.0f} min left)"
+    def _state(self) -> str:
+        left = self._remaining.seconds()
+        done = f"{self._remaining.done} of {self._remaining.total} done"
+        return done if left is None else f"{done}, about {words_of(left)} left"
 
-    def _show(self) -> None:
-        if self._task is not None:
-            state = f"{self._ended} of {self._runs} runs done"
-            self._bar.update(self._task, completed=sum(self._at.values()), state=state)
+
+def words_of(seconds: float) -> str:
+    """A time to two places."""
+    if seconds < 60:
+        return f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
 @contextmanager

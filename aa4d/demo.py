@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -25,6 +24,7 @@ from aa4d.identity import digest_of, digest_of_file
 from aa4d.methods.model_file import copy_model
 from aa4d.methods.settings import RunSettings
 from aa4d.reports.demo_report import write_report
+from aa4d.scene_files import files_named_in
 from aa4d.training.trainer import Progress, train
 
 MakeTrainingProgress = Callable[[], AbstractContextManager[Progress]]
@@ -174,22 +174,6 @@ def stages(
         Stage("blend", "Blender imports the model and renders a frame", (model, extension), (blend, picture), show),
         Stage("report", "pictures and tables", (capture, metrics, picture), (out / "report.html",), report),
     ]
-
-
-def files_named_in(scene: Path) -> tuple[Path, ...]:
-    """Tables of tracks and models that a scene file names. One that cannot be read names none: synth will refuse it."""
-
-    def texts(value: Any) -> Iterator[str]:
-        if isinstance(value, str):
-            yield value
-        for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-            yield from texts(inner)
-
-    try:
-        table = tomllib.loads(scene.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError):
-        return ()
-    return tuple(sorted(path for text in texts(table) if text and (path := scene.parent / text).is_file()))
 
 
 def summarise(metrics: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from synth.ledger import INDEX, note
 from synth.plan import Frame, first_difference
 
 PLAN = "plan.json"
+SECOND = "second"  # the folder of the second drone's capture in that of the first
 
 
 @dataclass(frozen=True)

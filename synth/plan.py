@@ -18,7 +18,7 @@ from synth.city.land import land, looks_beyond
 from synth.city.layout import City, build_city
 from synth.effects import Effect, at, choose
 from synth.errors import InputError
-from synth.flight import Trajectory
+from synth.flight import Flight, Trajectory
 from synth.lens import Lens, Pinhole
 from synth.models import Model, find_models
 from synth.seeds import frame_seed
@@ -32,6 +32,7 @@ from synth.traffic.tracks import read_tracks
 
 Array = NDArray[np.float64]
 
+Drone = Literal["first", "second"]
 TEST_EVERY = 8  # docs/formats.md: ranks 0, 8, 16, ... are held out
 
 
@@ -64,31 +65,37 @@ class Plan:
     staging: tuple[Staging, ...]
     cast: Cast  # the fleet and what effects add to it
     models: tuple[Model, ...] = ()  # of the user's own
+    drone: Drone = "first"
 
     def film_effects(self) -> Iterator[Effect]:
         """Those that act on the light of a frame."""
         return at(self.effects, "film")
 
 
-def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
-    """Resolve a scene; `folder` is where the files that it names are looked up.
+def make_plan(scene: Scene, folder: Path = Path(), drone: Drone = "first") -> Plan:
+    """Resolve a scene, as one of its drones films it; `folder` is where the files that it names are looked up.
+
+    Both drones see the same world at the same times; the second one's poses are the true ones, and all of its frames
+    are held out.
 
     Raises:
-        InputError: the traffic collides, or effects ask for what cannot be.
+        InputError: the traffic collides, effects ask for what cannot be, or there is no second drone.
     """
     count, fps = scene.time.frames, scene.time.fps
-    duration = (count - 1) / fps
     effects = choose(scene.effects, "the scene")
-    flight: Any = Trajectory(scene.flight, duration)
-    for effect in at(effects, "pose"):
-        flight = effect.module.fly(effect.settings, flight, scene.seed)
+    flights = [_flown(flight, scene, effects) for flight in (scene.flight, scene.second_flight) if flight is not None]
+    if drone == "second":
+        if scene.second_flight is None:
+            raise InputError("second_flight: missing; the second drone needs a flight.")
+        effects = tuple(effect for effect in effects if effect.stage != "capture")
+    flight, duration = flights[drone == "second"], (count - 1) / fps
     frames = tuple(
         Frame(
             rank=k,
             name=f"{k:06d}",
             time_s=k / fps,
             t=k / (count - 1) if count > 1 else 0.0,
-            split="test" if k % TEST_EVERY == 0 else "train",
+            split="test" if k % TEST_EVERY == 0 or drone == "second" else "train",
             seed=frame_seed(scene.seed, k),
             viewmat=flight.viewmat(k / fps),
         )
@@ -110,16 +117,24 @@ def make_plan(scene: Scene, folder: Path = Path()) -> Plan:
         )
     signals = scene.signal is not None
     city = build_city(scene.street.ground(signals), scene.blocks, scene.greenery.street_trees, scene.seed)
-    poses = np.stack([flight.viewmat(t) for frame in frames for t in shutter.span_s(frame.time_s)])
+    poses = np.stack([each.viewmat(t) for each in flights for frame in frames for t in shutter.span_s(frame.time_s)])
     if looks_beyond(poses, K, size, lens.margin_px):
         highest = float(invert_rigid(poses)[:, 2, 3].max())
         city = dataclasses.replace(city, land=land(highest, 1 / K[0, 0]))
     fleet = make_fleet(scene, duration, folder)
     models = find_models(scene.assets, folder)
-    plan = Plan(scene, K, frames, flight, fleet, city, effects, lens, shutter, (), Cast(fleet), models)
+    plan = Plan(scene, K, frames, flight, fleet, city, effects, lens, shutter, (), Cast(fleet), models, drone)
     for effect in at(effects, "scene"):
         plan = _staged(plan, effect.module.stage(effect.settings, plan))
     return plan
+
+
+def _flown(flight: Flight, scene: Scene, effects: tuple[Effect, ...]) -> Any:
+    """A flight as it is flown: `Plan.flight`."""
+    flown: Any = Trajectory(flight, (scene.time.frames - 1) / scene.time.fps)
+    for effect in at(effects, "pose"):
+        flown = effect.module.fly(effect.settings, flown, scene.seed)
+    return flown
 
 
 def _staged(plan: Plan, staging: Staging) -> Plan:
@@ -175,6 +190,10 @@ def document(plan: Plan, blender: str) -> dict[str, Any]:
         "city_sha256": plan.city.digest(),
         "models": {model.kind: model.sha256 for model in plan.models},
     }
+    if plan.scene.second_flight is None:
+        del content["scene"]["second_flight"]  # of a scene without one the document is as it always was
+    else:
+        content["drone"] = plan.drone
     content = json.loads(json.dumps(content))  # tuples become lists, as in a document read back
     content["sha256"] = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     return content

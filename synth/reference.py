@@ -112,6 +112,11 @@ flow is wrong by up to 0.7 pixels.
 The scenes of `scenes/heterogeneity/` are the same file but for one knob, their lights: street, blocks, flight, sun and
 demand are equal, and the mix of activity classes moves from static (`standing`) over intermittent (`stop-and-go`) and
 all of them (`mixed`) to persistent beside static (`free-flow`).
+
+Those of `scenes/heterogeneity/controlled/` have two knobs that vary apart (`python -m synth.family` writes them): four
+cars go the same way in the same time, two of them at every instant. `lanes1`, `lanes2` and `lanes4` spread them over
+the street, which sets how much of the ground is ever active; with `changes1` to `changes3` they change places that
+often, which sets how often a place changes between motion and rest. A second drone films them too.
 """
 
 
@@ -119,6 +124,9 @@ def reference() -> str:
     """The whole page."""
     parts = [HEAD, "## The top of the file\n\n" + "\n".join(_top(Scene)) + "\n"]
     for name, hint, metadata in _tables(Scene):
+        if metadata.get("kinds") and metadata["meaning"]:  # another one of what a table before it describes
+            parts.append(f"## `[{name}]`\n\n{metadata['meaning']} Its keys are those of `[flight]`.\n")
+            continue
         if metadata.get("kinds"):
             kinds = _listed(metadata["kinds"])
             parts.append(f"## `[{name}]`\n\n`kind` chooses one of {kinds}; the other keys depend on it.\n")

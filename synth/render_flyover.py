@@ -15,14 +15,14 @@ HOME = Path(__file__).resolve().parent
 # Python puts this file's folder first, Blender puts nothing: both need the folder above it.
 sys.path[:] = [str(HOME.parent), *(entry for entry in sys.path if Path(entry).resolve() != HOME)]
 
-from synth.capture import INDEX, Folder, open_folder  # noqa: E402
+from synth.capture import INDEX, SECOND, Folder, open_folder  # noqa: E402
 from synth.costs import Costs  # noqa: E402
 from synth.errors import InputError  # noqa: E402
 from synth.interrupts import interrupt_deferred  # noqa: E402
 from synth.leaving import exit_code, leave, own_arguments  # noqa: E402
 from synth.ledger import mend, told  # noqa: E402
 from synth.parent import end_with_parent  # noqa: E402
-from synth.plan import Frame, Plan, document, make_plan  # noqa: E402
+from synth.plan import Drone, Frame, Plan, document, make_plan  # noqa: E402
 from synth.progress import Progress  # noqa: E402
 from synth.spec import read_scene  # noqa: E402
 
@@ -58,6 +58,7 @@ def main(arguments: Sequence[str]) -> None:
     )
     parser.add_argument("--explain", action="store_true", help="print what would be rendered, and render nothing")
     parser.add_argument("--ranks", help=argparse.SUPPRESS)  # a worker's shard, as "12,13,14"
+    parser.add_argument("--drone", choices=("first", "second"), default="first", help=argparse.SUPPRESS)  # a worker's
     end_with_parent()
     # Blender's own handler would end the process in the middle of a frame.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -65,22 +66,30 @@ def main(arguments: Sequence[str]) -> None:
     if options.explain:
         from synth.explain import explain
 
-        print(explain(resolve(options.scene)))
+        plan = resolve(options.scene)
+        print(explain(plan))
+        if plan.scene.second_flight is not None:
+            print(f"second drone, into {SECOND}/\n{explain(resolve(options.scene, 'second'))}")
     elif options.out is None:
         parser.error("the following arguments are required: --out")
     elif options.workers < 1:
         raise InputError(f"--workers {options.workers}: must be at least 1")
     elif options.ranks is not None:
-        work(options.scene, options.out, [int(rank) for rank in options.ranks.split(",")])
+        work(options.scene, options.out, [int(rank) for rank in options.ranks.split(",")], options.drone)
     else:
-        run(options.scene, options.out, options.workers)
+        plans = {options.out: resolve(options.scene)}
+        if plans[options.out].scene.second_flight is not None:
+            plans[options.out / SECOND] = resolve(options.scene, "second")
+        load_blender()
+        for out, plan in plans.items():
+            run(plan, options.scene, out, options.workers)
 
 
-def resolve(scene_path: Path) -> Plan:
-    """The plan of a scene file."""
+def resolve(scene_path: Path, drone: Drone = "first") -> Plan:
+    """The plan of a scene file for one of its drones."""
     scene = read_scene(scene_path)
     try:
-        return make_plan(scene, scene_path.parent)
+        return make_plan(scene, scene_path.parent, drone)
     except InputError as error:
         raise InputError(f"{scene_path}: {error}") from None
 
@@ -102,11 +111,9 @@ def folder_of(plan: Plan, out: Path) -> Folder:
     return Folder(out, encoded=any(effect.stage == "encode" for effect in plan.effects))
 
 
-def run(scene_path: Path, out: Path, workers: int) -> None:
-    """Render what is missing of a capture, and write its index last."""
-    plan = resolve(scene_path)
+def run(plan: Plan, scene_path: Path, out: Path, workers: int) -> None:
+    """Render what is missing of a drone's capture, and write its index last. Blender is loaded."""
     scene = plan.scene
-    load_blender()
     import bpy
 
     from synth.blender.requirements import refuse_what_is_missing
@@ -156,7 +163,8 @@ def film_missing(
     progress = Progress("frame", len(missing))
 
     def command(shard: list[Frame]) -> list[str]:
-        arguments = [str(scene_path), "--out", str(folder.root), "--ranks", ",".join(str(f.rank) for f in shard)]
+        arguments = [str(scene_path), "--out", str(folder.root), "--drone", plan.drone]
+        arguments += ["--ranks", ",".join(str(f.rank) for f in shard)]
         import bpy
 
         if bpy.app.binary_path:
@@ -171,9 +179,9 @@ def film_missing(
         raise InputError(f"A worker ended with exit code {failed.code}: {str(failed).strip()[-2000:]}") from None
 
 
-def work(scene_path: Path, out: Path, ranks: list[int]) -> None:
+def work(scene_path: Path, out: Path, ranks: list[int], drone: Drone) -> None:
     """As a worker: render the frames of these ranks, and say how it goes on standard output."""
-    plan = resolve(scene_path)
+    plan = resolve(scene_path, drone)
     load_blender()
     from synth.blender.film import film
     from synth.workers import say_advance, say_costs

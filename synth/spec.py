@@ -106,6 +106,12 @@ class Scene:
     time: Time = key("")
     camera: Camera = key("")
     flight: Flight = key("", kinds=FLIGHTS)
+    second_flight: Flight | None = key(
+        "A second drone films the same traffic at the same times, into the folder `second/` of the capture: a capture "
+        "of its own, of true poses, all its frames held out. `aa4d eval` scores them: views that training never had.",
+        kinds=FLIGHTS,
+        default=None,
+    )
     street: Street = key("", kinds=STREETS)
     blocks: tuple[Block, ...] = key("", default=())
     greenery: Greenery = key("", default=Greenery())
@@ -151,9 +157,9 @@ def _check_across(scene: Scene, source: str) -> None:
     """What one key alone cannot tell."""
     if not scene.name or not all(c.isalnum() or c in "-_." for c in scene.name):
         raise InputError(f"{source}: name: {scene.name!r} must be letters, digits, '-', '_' or '.'.")
-    problem = scene.flight.problem()
-    if problem:
-        raise InputError(f"{source}: flight.{problem}.")
+    for name, flight in (("flight", scene.flight), ("second_flight", scene.second_flight)):
+        if flight is not None and (problem := flight.problem()):
+            raise InputError(f"{source}: {name}.{problem}.")
     corners = [block.corner for block in scene.blocks]
     for index, block in enumerate(scene.blocks):
         if corners.count(block.corner) > 1:

@@ -16,11 +16,12 @@ from PIL import Image
 
 from aa4d.blender import run_forwarding_interrupts
 from aa4d.capture.reader import read_capture
-from aa4d.demo import Record, Stage, check, files_named_in, summarise
+from aa4d.demo import Record, Stage, check, summarise
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
 from aa4d.reports.demo_report import spread, write_report
+from aa4d.scene_files import files_named_in
 from aa4d.training.trainer import train
 
 

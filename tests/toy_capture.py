@@ -30,8 +30,11 @@ def ground_color(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.f
     return np.stack([0.5 + 0.3 * np.sin(0.6 * x), 0.5 + 0.3 * np.cos(0.5 * y), 0.4 + 0 * x], axis=-1)
 
 
-def write_toy_capture(folder: Path, frames: int = 10, travel_m: float = 12.0) -> Path:
+def write_toy_capture(folder: Path, frames: int = 10, travel_m: float = 12.0, aside_m: float = 0.0) -> Path:
     """Frames, truth and points of the toy scene as docs/formats.md has it; the square travels so far.
+
+    Args:
+        aside_m: of the drone's line, to the north.
 
     Returns:
         `folder`.
@@ -44,7 +47,7 @@ def write_toy_capture(folder: Path, frames: int = 10, travel_m: float = 12.0) ->
     poses = np.tile(np.eye(4), (frames, 1, 1, 1))
     for i in range(frames):
         t = i / (frames - 1)
-        centre = np.array([-2 + 4 * t, 0.0, ALTITUDE_M])
+        centre = np.array([-2 + 4 * t, aside_m, ALTITUDE_M])
         x = centre[0] + (columns - WIDTH / 2) / FOCAL * ALTITUDE_M
         y = centre[1] - (rows - HEIGHT / 2) / FOCAL * ALTITUDE_M
         square = np.abs(np.stack([x, y], -1) - square_centre(t, travel_m)).max(-1) < 1.5

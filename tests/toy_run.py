@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from aa4d.capture.reader import read_capture
-from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings, Densification
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
+from aa4d.methods.settings import AnchorDensification
 from aa4d.training.trainer import train
 from tests.toy_capture import write_toy_capture
 
@@ -13,7 +14,7 @@ BRIEF = AdaAnchor4DSettings(
     fine_iterations=20,
     voxel_px=3.0,
     rates=PRESETS["quick"].rates,
-    densification=Densification(statistics_from=2, start=5, interval=5, until=15, voxel_factor=4),
+    densification=AnchorDensification(statistics_from=2, start=5, interval=5, until=15, voxel_factor=4),
 )
 
 

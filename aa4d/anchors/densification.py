@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -59,6 +59,10 @@ class Statistics:
         counted = self.drawn > min_drawn
         self.drawn[counted] = 0
         self.gradient[counted] = 0
+
+    def weighted(self, weight: Tensor) -> Statistics:
+        """The same with gradients times `weight` [N]."""
+        return replace(self, gradient=self.gradient * weight[:, None])
 
     def rows(self, rows: Tensor) -> Statistics:
         """Those of other anchors: row i from row rows[i], or zero where rows[i] is -1."""

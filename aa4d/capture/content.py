@@ -12,10 +12,10 @@ from aa4d.identity import Identity, digest_of, digest_of_file, identity_of
 CHECKSUMS = "checksums.json"
 # What a capture without checksums is hashed by; whatever else lies in its folder is not the capture's.
 PARTS = (
-    *("frames", "truth", "movers", "points.ply", "transforms.json", "sparse"),
+    *("frames", "truth", "movers", "left_out", "points.ply", "transforms.json", "sparse"),
     *("poses.tum", "mot", "coco.json", "uncompressed", "video.mp4"),
 )
-READ_HERE = ("frames", "truth", "movers", "points.ply")  # the other files may be left out of a copy
+READ_HERE = ("frames", "truth", "movers", "left_out", "points.ply")  # the other files may be left out of a copy
 
 
 def capture_identity(folder: Path, index: dict[str, Any]) -> Identity:

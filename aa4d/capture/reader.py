@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -45,14 +46,18 @@ class Capture:
     point_colors: NDArray[np.uint8]  # [P, 3] sRGB
     tracks: str | None
     instance_names: dict[int, str] = field(default_factory=dict)  # by id; empty where the capture names none
+    heterogeneity: dict[str, float] = field(default_factory=dict)  # of a rendered scene (docs/truth.md), by name
     fingerprint: str | None = None  # digest of capture.json alone, by which runs of older versions know their capture
 
     def of_split(self, split: str) -> list[int]:
         return [i for i, frame in enumerate(self.frames) if frame.split == split]
 
 
-def read_capture(folder: Path) -> Capture:
+def read_capture(folder: Path, *, to_train: bool = True) -> Capture:
     """Read and check everything but the pixels.
+
+    Args:
+        to_train: whether it must have training frames.
 
     Raises:
         InputError: names the file and the key that is missing, malformed or not finite.
@@ -72,7 +77,7 @@ def read_capture(folder: Path) -> Capture:
         raise InputError(f"{index}: version {version!r} is not known here (newest: {CAPTURE_VERSION}); update aa4d")
     camera = pinhole_camera(document, index)
     frames = tuple(frame_of_index(value, i, index) for i, value in enumerate(list_of(document, "frames", index)))
-    check_frames(frames, index)
+    check_frames(frames, index, to_train=to_train)
     tracks = document.get("tracks")
     points, colors = _points(folder / path_inside(document.get("points"), "points", index))
     return Capture(
@@ -86,6 +91,7 @@ def read_capture(folder: Path) -> Capture:
         point_colors=colors,
         tracks=None if tracks is None else path_inside(tracks, "tracks", index),
         instance_names=_instance_names(document.get("instances")),
+        heterogeneity=_heterogeneity(document.get("heterogeneity")),
         fingerprint=hashlib.sha256(index.read_bytes()).hexdigest()[:16],
     )
 
@@ -96,6 +102,12 @@ def _instance_names(value: Any) -> dict[int, str]:
     return {
         i["id"]: str(i["name"]) for i in named if isinstance(i, dict) and isinstance(i.get("id"), int) and "name" in i
     }
+
+
+def _heterogeneity(value: Any) -> dict[str, float]:
+    """Numbers for tables: what is malformed is left out."""
+    named = value if isinstance(value, dict) else {}
+    return {str(k): float(v) for k, v in named.items() if isinstance(v, int | float) and math.isfinite(v)}
 
 
 def read_image(capture: Capture, frame: Frame) -> NDArray[np.uint8]:

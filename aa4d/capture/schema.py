@@ -44,6 +44,7 @@ class Frame:
     t: float
     split: str  # "train" or "test"
     viewmat: NDArray[np.float64]  # [4, 4] world (metres) to camera
+    exposure: NDArray[np.float64] | None = None  # [3, 4] what the camera makes of a color, where training learned it
 
     def as_json(self) -> dict[str, Any]:
         """As the model file keeps it: without the path of the truth."""
@@ -54,6 +55,7 @@ class Frame:
             "t": self.t,
             "split": self.split,
             "viewmat": self.viewmat.tolist(),
+            **({} if self.exposure is None else {"exposure": self.exposure.tolist()}),
         }
 
 
@@ -117,6 +119,7 @@ def frame_of_index(value: Any, number: int, index: Path) -> Frame:
         t=number_of(value, "t", index, label),
         split=split,
         viewmat=viewmat,
+        exposure=matrix_of(value["exposure"], (3, 4), f"exposure of {label}", index) if "exposure" in value else None,
     )
 
 
@@ -149,9 +152,10 @@ def is_rigid(matrix: NDArray[np.float64], tolerance: float) -> bool:
     return bool(is_rotation and np.isfinite(matrix).all() and np.abs(matrix[3] - [0, 0, 0, 1]).max() <= 1e-9)
 
 
-def check_frames(frames: tuple[Frame, ...], index: Path) -> None:
-    """Names that differ, seconds and t in [0, 1] that rise, something to train on; `index` is the file to name."""
-    if not any(frame.split == "train" for frame in frames):
+def check_frames(frames: tuple[Frame, ...], index: Path, *, to_train: bool = True) -> None:
+    """Names that differ, seconds and t in [0, 1] that rise, something to train on unless only scores are wanted;
+    `index` is the file to name."""
+    if to_train and not any(frame.split == "train" for frame in frames):
         raise InputError(f"{index}: has no training frame; at least one is needed")
     names = [frame.name for frame in frames]
     repeated = {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else set()

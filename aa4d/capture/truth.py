@@ -15,6 +15,7 @@ from aa4d.capture.schema import is_rigid
 from aa4d.errors import InputError
 
 BOXES = "movers/boxes.npz"
+LEFT_OUT = "left_out"
 
 
 @dataclass(frozen=True)
@@ -78,18 +79,31 @@ def object_tracks(capture: Capture) -> ObjectTracks | None:
     return ObjectTracks(names, ids, poses, moving, present)
 
 
+def left_out(capture: Capture, index: int) -> NDArray[np.bool_] | None:
+    """Pixels [H, W] that somebody painted over in `left_out/NAME.png`, or for all frames in `left_out/all.png`; None
+    where there is neither. Raises InputError for a picture that cannot be read or has another size."""
+    masks = (_mask(capture, f"{LEFT_OUT}/{name}.png") for name in (capture.frames[index].name, "all"))
+    there = [mask for mask in masks if mask is not None]
+    return np.logical_or.reduce(there) if there else None
+
+
 def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
-    path = capture.folder / "movers" / f"{capture.frames[index].name}.png"
+    return _mask(capture, f"movers/{capture.frames[index].name}.png")
+
+
+def _mask(capture: Capture, name: str) -> NDArray[np.bool_] | None:
+    """What is white in a picture of the capture; None where there is no such picture."""
+    path = capture.folder / name
     if not path.is_file():
         return None
     try:
         with Image.open(path) as image:
             mask = np.array(image.convert("L")) > 127
     except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(f"{path}: mask of movers cannot be read ({error}); make the capture again") from None
+        raise InputError(f"{path}: mask cannot be read ({error}); make it again") from None
     expected = (capture.camera.height, capture.camera.width)
     if mask.shape != expected:
-        raise InputError(f"{path}: mask of movers has shape {mask.shape}, expected {expected}; make the capture again")
+        raise InputError(f"{path}: mask has shape {mask.shape}, expected {expected}; make it again")
     return mask
 
 

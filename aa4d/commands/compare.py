@@ -8,6 +8,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from aa4d.commands.choices import list_of, name_in
+from aa4d.commands.experiment_options import ENGINE_HELP, Address, Jobs, engine_choice
 
 
 def compare(
@@ -29,7 +30,9 @@ def compare(
         tuple[int, int] | None, arg(help="Coarse and fine iterations, instead of the preset's.", metavar="COARSE FINE")
     ] = None,
     seeds: Annotated[int, arg(help="Runs of each method on each capture; they make the spread.")] = 2,
-    jobs: Annotated[int, arg(help="Number of runs in parallel; with several, each has one thread.")] = 1,
+    jobs: Jobs = 1,
+    engine: Annotated[str, engine_choice(), ENGINE_HELP] = "processes",
+    address: Address = None,
 ) -> None:
     """Compare methods as the paper does: its table for these captures, pictures side by side, quality against cost.
 
@@ -39,4 +42,14 @@ def compare(
     from aa4d.experiments.compare import compare as run
     from aa4d.experiments.comparison import entries
 
-    run(captures, out, methods or entries(), preset=preset, iterations=iterations, seeds=seeds, jobs=jobs)
+    run(
+        captures,
+        out,
+        methods or entries(),
+        preset=preset,
+        iterations=iterations,
+        seeds=seeds,
+        jobs=jobs,
+        engine=engine,
+        address=address,
+    )

@@ -64,6 +64,9 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     for name, value in metrics["psnr_activity"].items():
         share = f"{100 * metrics['activity_share'][name]:.1f} % of pixels"
         table.add_row(f"PSNR, {name} ({share})", db(value), db(metrics["psnr_activity_static"].get(name)))
+    if metrics.get("psnr_swept") is not None:
+        beside = db(metrics["psnr_swept_static"])
+        table.add_row("PSNR, ground that movers drive over at another time", db(metrics["psnr_swept"]), beside)
     table.add_row("SSIM", f"{metrics['ssim']:.4f}", "")
     for network, value in metrics["lpips"].items():
         table.add_row(f"LPIPS ({network})", f"{value:.4f}", "")
@@ -71,6 +74,12 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
         table.add_row(f"LPIPS ({network})", "not measured", "")
     for label, value, beside in motion_rows(metrics):
         table.add_row(label, value, beside)
+    if metrics.get("activity_rank_correlation") is not None:
+        table.add_row(
+            "weights on planes with time against true activity, rank", f"{metrics['activity_rank_correlation']:.2f}", ""
+        )
+    for label, value in second_drone_rows(metrics):
+        table.add_row(label, value, "")
     table.add_row("PSNR of training frames", db(metrics["psnr_training"]), "")
     width, height = metrics["resolution"]
     where = "GPU" if metrics["device"] == "cuda" else f"{metrics['threads']} thread(s)"
@@ -81,6 +90,23 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     table.add_row("anchors (free Gaussians) / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")
     return table
+
+
+def second_drone_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
+    """Of the table: views from elsewhere, where the capture has them."""
+    scores = metrics.get("second_drone")
+    if scores is None:
+        return []
+    share = scores["seen_share"]
+    labels = {
+        "psnr": "",
+        "psnr_seen": "" if share is None else f", what training shows ({100 * share:.0f} % of pixels)",
+        "psnr_dynamic": ", moving pixels",
+        "psnr_training_times": ", at times of training",
+        "psnr_held_out_times": ", at held-out times",
+    }
+    values = ((label, scores[key]) for key, label in labels.items())
+    return [(f"PSNR, second drone{label}", f"{value:.2f} dB") for label, value in values if value is not None]
 
 
 def motion_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:

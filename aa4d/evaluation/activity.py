@@ -10,6 +10,7 @@ from PIL import Image
 from torch import Tensor
 
 from aa4d.capture.reader import Capture
+from aa4d.capture.truth import instance_ids_of
 from aa4d.errors import InputError
 
 CLASSES = ("static", "intermittent", "persistent", "appearance-only", "unseen")  # by label
@@ -37,6 +38,20 @@ def activity_labels(capture: Capture, index: int) -> NDArray[np.uint8] | None:
     return labels
 
 
+def swept_ground(capture: Capture, index: int, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """[H, W] 1 where a frame shows ground that something drives over at another time, 0 elsewhere: where ghosts show.
+
+    Args:
+        labels: of the frame, by `activity_labels`.
+
+    Raises:
+        InputError: the truth is damaged.
+    """
+    instance_id = instance_ids_of(capture, index)
+    moves = np.isin(labels, [CLASSES.index(name) for name in ("intermittent", "persistent")])
+    return (moves if instance_id is None else moves & (instance_id == 0)).astype(np.uint8)
+
+
 class PooledError:
     """Squared errors by class, summed over frames.
 
@@ -44,25 +59,26 @@ class PooledError:
     alike, so errors are pooled before the logarithm.
     """
 
-    def __init__(self) -> None:
-        self._sum = np.zeros(len(CLASSES))
-        self._count = np.zeros(len(CLASSES), np.int64)
+    def __init__(self, classes: tuple[str, ...] = CLASSES) -> None:
+        self._classes = classes
+        self._sum = np.zeros(len(classes))
+        self._count = np.zeros(len(classes), np.int64)
 
     def add(self, image: Tensor, target: Tensor, labels: NDArray[np.uint8]) -> None:
         """image, target: [H, W, 3] in [0, 1]; labels [H, W]."""
         squared = (image.double() - target.double()).square().mean(dim=2).numpy()
-        self._sum += np.bincount(labels.ravel(), weights=squared.ravel(), minlength=len(CLASSES))
-        self._count += np.bincount(labels.ravel(), minlength=len(CLASSES))
+        self._sum += np.bincount(labels.ravel(), weights=squared.ravel(), minlength=len(self._classes))
+        self._count += np.bincount(labels.ravel(), minlength=len(self._classes))
 
     def psnr(self) -> dict[str, float]:
         """In dB, of the classes that occur; infinity where a class is reproduced exactly."""
         return {
             name: math.inf if total == 0 else -10 * math.log10(total / count)
-            for name, total, count in zip(CLASSES, self._sum, self._count, strict=True)
+            for name, total, count in zip(self._classes, self._sum, self._count, strict=True)
             if count
         }
 
     def share(self) -> dict[str, float]:
         """Fraction of all pixels, by class."""
         total = max(int(self._count.sum()), 1)
-        return {name: float(count / total) for name, count in zip(CLASSES, self._count, strict=True) if count}
+        return {name: float(count / total) for name, count in zip(self._classes, self._count, strict=True) if count}

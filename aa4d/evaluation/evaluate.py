@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import statistics
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -11,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from PIL import Image
 from torch import Tensor
 
 from aa4d import __version__
@@ -21,23 +18,27 @@ from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.capture.truth import moving_mask
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError
-from aa4d.evaluation.activity import PooledError, activity_labels
-from aa4d.evaluation.image_metrics import StructuralSimilarity, psnr
+from aa4d.evaluation.activity import PooledError, activity_labels, swept_ground
+from aa4d.evaluation.activity_share import rank_correlation
+from aa4d.evaluation.image_metrics import StructuralSimilarity, capped, psnr
 from aa4d.evaluation.lpips import Network
 from aa4d.evaluation.lpips_weights import Perceptual, obtain
 from aa4d.evaluation.motion import MotionScores, measure_motion, motion_steps
 from aa4d.evaluation.plots import plot_psnr
+from aa4d.evaluation.second_drone import FOLDER as SECOND_DRONE
+from aa4d.evaluation.second_drone import ViewScores, score_second_drone, scored_frames, second_capture
 from aa4d.evaluation.speed import TIMED_FRAMES, WARM_UP_FRAMES, measure_speed, neural_mib
-from aa4d.evaluation.views import render_frame
-from aa4d.files import make_folder, whole_file, write_json
+from aa4d.evaluation.views import as_float, render_frame, save_png
+from aa4d.files import make_folder, write_json
 from aa4d.identity import Identity, digest_of
 from aa4d.methods.model_file import LoadedModel, load_model
 from aa4d.motion.score import score_tracks
 from aa4d.motion.tracks_file import load_tracks, tracks_path
 
 TRAINING_FRAMES = 32  # at most so many of them are scored, evenly over time, for the gap to the held-out ones
-BEST_DB = 100.0  # what identical images count as
+SECOND_DRONE_FRAMES = 32  # likewise of a second drone's
 MOTION_PICTURE = "motion.png"
+GROUND = ("elsewhere", SWEPT := "swept")
 
 
 class Steps:
@@ -86,11 +87,16 @@ class Metrics:
     psnr_dynamic_static: float | None  # likewise, moving pixels
     psnr_activity: dict[str, float]  # by activity class, errors pooled over the frames; empty without truth
     psnr_activity_static: dict[str, float]  # likewise, the coarse stage
+    psnr_swept: float | None  # ground that movers drive over at another time: where ghosts show; None without truth
+    psnr_swept_static: float | None  # likewise, the coarse stage
     activity_share: dict[str, float]  # of the pixels with activity truth
+    heterogeneity: dict[str, float]  # of the scene, as its capture says (docs/truth.md)
+    activity_rank_correlation: float | None  # of weights on spatio-temporal planes with true activity, over anchors
     track_recall: float | None  # share of vehicle-frames on the tracks that the run found; None without tracks or truth
     tracks_false: int | None  # of the run's tracks, those that follow nothing that moves
     vehicles_missed: int | None
     motion: MotionScores  # its keys stand beside these in the file
+    second_drone: ViewScores | None  # None where the capture has no second drone
     psnr_training: float  # over training frames: how much of the quality is memory
     fps: float
     fps_cached: float | None  # from the method's evaluation cache; None where it has none
@@ -122,6 +128,7 @@ def evaluate(
     perceptual: Perceptual | None = None,
     *,
     device: DeviceName = "auto",
+    into: Path | None = None,
 ) -> Metrics:
     """Score `run`/model.safetensors; writes `metrics.json`, and the held-out renders and a plot into `run`/eval.
 
@@ -131,9 +138,11 @@ def evaluate(
         capture_folder: where the capture lies; None to follow the path in the model file.
         perceptual: LPIPS; None for AlexNet's, where its weights are at hand.
         device: where the model is rendered; images are compared on the CPU.
+        into: the folder to write into, instead of `run`.
 
     Raises:
-        InputError: no model, no capture, a capture without held-out frames, tracks of another run, or no such device.
+        InputError: no model, no capture, a capture without held-out frames, tracks of another run, a second drone's
+            capture that is unfinished or of other times, or no such device.
     """
     chosen = choose_device(device)
     loaded = load_model(run / "model.safetensors", chosen)
@@ -146,28 +155,35 @@ def evaluate(
     perceptual = perceptual or obtain(None)
     perceptual = perceptual.for_size(capture.camera.width, capture.camera.height)
     training = _spread(capture.of_split("train"), TRAINING_FRAMES)
-    out = run / "eval"
+    into = into or run
+    out = into / "eval"
     make_folder(out)
-    steps = Steps(progress, len(held_out) + len(training) + motion_steps(loaded, capture))
+    second = second_capture(capture)
+    views = [] if second is None else scored_frames(second, SECOND_DRONE_FRAMES)
+    steps = Steps(progress, len(held_out) + len(training) + motion_steps(loaded, capture) + len(views))
 
     scores, static_psnrs = [], []
     by_class, by_class_static = PooledError(), PooledError()
+    swept, swept_static = PooledError(GROUND), PooledError(GROUND)
     for index in held_out:
         frame = capture.frames[index]
-        truth = _as_float(read_image(capture, frame))
+        truth = as_float(read_image(capture, frame))
         picture = render_frame(loaded, capture, index)
         save_png(out / f"{frame.name}.png", picture)
-        image, frozen = _as_float(picture), None
+        image, frozen = as_float(picture), None
         if static is not None:
             picture = render_frame(static, capture, index)
             save_png(out / f"{frame.name}_static.png", picture)
-            frozen = _as_float(picture)
-            static_psnrs.append(_capped(psnr(frozen, truth)))
+            frozen = as_float(picture)
+            static_psnrs.append(capped(psnr(frozen, truth)))
         labels = activity_labels(capture, index)
         if labels is not None:
+            ground = swept_ground(capture, index, labels)
             by_class.add(image, truth, labels)
+            swept.add(image, truth, ground)
             if frozen is not None:
                 by_class_static.add(frozen, truth, labels)
+                swept_static.add(frozen, truth, ground)
         scores.append(_score(capture, index, truth, image, frozen, perceptual))
         steps.next()
     training_scores = []
@@ -180,6 +196,10 @@ def evaluate(
     else:
         save_png(out / MOTION_PICTURE, motion.picture)
 
+    from_elsewhere = None
+    if second is not None:
+        place = out / SECOND_DRONE
+        from_elsewhere = score_second_drone(loaded, capture, second, views, perceptual, place, steps.next)
     speed = measure_speed(loaded, capture)
     metrics = Metrics(
         method=loaded.method,
@@ -193,9 +213,14 @@ def evaluate(
         psnr_dynamic_static=_mean(s.psnr_dynamic_static for s in scores),
         psnr_activity=_capped_all(by_class.psnr()),
         psnr_activity_static=_capped_all(by_class_static.psnr()),
+        psnr_swept=_capped_all(swept.psnr()).get(SWEPT),
+        psnr_swept_static=_capped_all(swept_static.psnr()).get(SWEPT),
         activity_share=by_class.share(),
+        heterogeneity=capture.heterogeneity,
+        activity_rank_correlation=rank_correlation(loaded, capture),
         **track_scores,
         motion=motion.scores,
+        second_drone=from_elsewhere,
         psnr_training=statistics.fmean(s.psnr for s in training_scores),
         fps=speed.fps,
         fps_cached=speed.fps_cached,
@@ -213,17 +238,21 @@ def evaluate(
         total_mib=loaded.path.stat().st_size / 2**20,
         frames=tuple(scores),
         training_frames=tuple(training_scores),
-        identity=evaluation_identity(loaded, capture, list(perceptual.loaded), chosen.type),
+        identity=evaluation_identity(loaded, capture, second, list(perceptual.loaded), chosen.type),
     )
     plot_psnr(out / "psnr.png", metrics.as_json())
-    write_json(run / "metrics.json", metrics.as_json())
+    write_json(into / "metrics.json", metrics.as_json())
     return metrics
 
 
-def evaluation_identity(loaded: LoadedModel, capture: Capture, networks: list[Network], device: str) -> Identity:
+def evaluation_identity(
+    loaded: LoadedModel, capture: Capture, second: Capture | None, networks: list[Network], device: str
+) -> Identity:
     """Of what is measured and by which version: the scores of a model on a capture."""
     settings = {"version": __version__, "lpips": sorted(networks), "device": device}
     made_from = {"model": loaded.identity.digest(), "capture": capture.identity.digest()}
+    if second is not None:
+        made_from["second_drone"] = second.identity.digest()
     return Identity("evaluation", digest_of(settings), made_from)
 
 
@@ -279,11 +308,6 @@ def is_trained_on(loaded: LoadedModel, capture: Capture) -> bool:
     return known == capture.identity.digest()
 
 
-def save_png(path: Path, image: NDArray[np.uint8]) -> None:
-    with whole_file(path) as temporary:
-        Image.fromarray(image).save(temporary, format="PNG")
-
-
 def _score(
     capture: Capture, index: int, truth: Tensor, image: Tensor, frozen: Tensor | None, perceptual: Perceptual
 ) -> FrameScore:
@@ -292,14 +316,14 @@ def _score(
     if mask is not None:
         pixels = torch.from_numpy(mask)
         if mask.any():
-            dynamic = _capped(psnr(image, truth, pixels))
-            dynamic_static = None if frozen is None else _capped(psnr(frozen, truth, pixels))
+            dynamic = capped(psnr(image, truth, pixels))
+            dynamic_static = None if frozen is None else capped(psnr(frozen, truth, pixels))
         if not mask.all():
-            still = _capped(psnr(image, truth, ~pixels))
+            still = capped(psnr(image, truth, ~pixels))
     return FrameScore(
         frame=capture.frames[index].name,
         t=capture.frames[index].t,
-        psnr=_capped(psnr(image, truth)),
+        psnr=capped(psnr(image, truth)),
         ssim=float(StructuralSimilarity(truth)(image)),
         lpips={network: measure(image, truth) for network, measure in perceptual.loaded.items()},
         psnr_dynamic=dynamic,
@@ -311,9 +335,9 @@ def _score(
 
 def _score_training(loaded: LoadedModel, capture: Capture, index: int) -> TrainingFrameScore:
     frame = capture.frames[index]
-    truth = _as_float(read_image(capture, frame))
-    image = _as_float(render_frame(loaded, capture, index))
-    return TrainingFrameScore(frame.name, frame.t, _capped(psnr(image, truth)))
+    truth = as_float(read_image(capture, frame))
+    image = as_float(render_frame(loaded, capture, index))
+    return TrainingFrameScore(frame.name, frame.t, capped(psnr(image, truth)))
 
 
 def _spread(indices: list[int], count: int) -> list[int]:
@@ -322,16 +346,8 @@ def _spread(indices: list[int], count: int) -> list[int]:
     return [indices[i] for i in positions]
 
 
-def _as_float(image: NDArray[np.uint8]) -> Tensor:
-    return torch.from_numpy(image).float() / 255
-
-
-def _capped(decibels: float) -> float:
-    return min(decibels, BEST_DB) if not math.isnan(decibels) else decibels
-
-
 def _capped_all(decibels: dict[str, float]) -> dict[str, float]:
-    return {name: _capped(value) for name, value in decibels.items()}
+    return {name: capped(value) for name, value in decibels.items()}
 
 
 def _mean(values: Any) -> float | None:

@@ -12,6 +12,7 @@ WINDOW = 11
 SIGMA = 1.5
 C1 = 0.01**2
 C2 = 0.03**2
+BEST_DB = 100.0  # what identical images count as in a mean
 
 
 def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> float:
@@ -26,6 +27,11 @@ def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> float:
 def decibels(squared_error: float) -> float:
     """PSNR of a mean squared error, for a peak of 1."""
     return math.inf if squared_error == 0 else -10 * math.log10(squared_error)
+
+
+def capped(value_db: float) -> float:
+    """At most `BEST_DB`, so that means of it stay finite; NaN stays."""
+    return value_db if math.isnan(value_db) else min(value_db, BEST_DB)
 
 
 class StructuralSimilarity:

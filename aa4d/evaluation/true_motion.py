@@ -60,12 +60,13 @@ def read_true_tracks(capture: Capture) -> TrueTracks | None:
         poses=truth.object_to_world.astype(np.float64),
         moving=truth.moving.astype(bool),
         present=truth.present.astype(bool),
-        viewmats=_viewmats(capture),
+        viewmats=true_viewmats(capture),
         K=capture.camera.K,
     )
 
 
-def _viewmats(capture: Capture) -> Array:
+def true_viewmats(capture: Capture) -> Array:
+    """World to camera of every frame, [N, 4, 4]; where the capture's own are measured ones, the true ones."""
     index = capture.folder / "capture.json"
     frames = read_json_object(index, "the index of a capture")["frames"]
     return np.stack(

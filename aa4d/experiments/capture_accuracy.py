@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,10 +23,12 @@ from aa4d.capture.pose_error import pose_error
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.summary import CaptureSummary
-from aa4d.errors import InputError
-from aa4d.experiments.program import run_as_program
-from aa4d.files import make_folder, read_json_object, write_json
-from aa4d.identity import Identity, digest_of, digest_of_file
+from aa4d.experiments.program import rows_of_tasks, run_as_program
+from aa4d.files import read_json_object
+from aa4d.graph.call import Call
+from aa4d.graph.kinds import Kind
+from aa4d.graph.task import Task, location
+from aa4d.identity import digest_of, digest_of_file
 
 MOVERS = ("off", "auto")
 
@@ -50,29 +52,34 @@ class Clock:
         self._since = now
 
 
-def measure(source: Path, out: Path, settings: CaptureSettings) -> dict[str, Any]:
-    """One row, or the one that was measured before from the same input with the same settings.
+@dataclass(frozen=True)
+class Making:
+    frames: str  # digest of the pictures
+    truth: str | None  # identity of the capture with true cameras
+    settings: CaptureSettings
+    source: Path = location()
 
-    Raises:
-        InputError: the row that is there is of something else.
-    """
+
+def making_of(source: Path, settings: CaptureSettings) -> Making:
+    """Raises InputError where `source` is a capture that cannot be read."""
     truth = read_capture(source) if (source / "capture.json").exists() else None
-    frames = source / "frames" if truth is not None else source
-    result = out.with_suffix(".json")
-    identity = _identity(frames, truth, settings).as_json()
-    if result.exists():
-        before = read_json_object(result, "a row of the table")
-        if before.get("identity") != identity:
-            raise InputError(
-                f"{result}: was measured from another input or with other settings; delete it and {out}, or choose a "
-                "new folder with --out"
-            )
-        return before
-    clock = Clock()
-    made = make_capture(frames, out, settings, None, clock.watch)
+    files = sorted(path for path in _frames(source).iterdir() if path.is_file())
+    pictures = digest_of({path.name: digest_of_file(path) for path in files})
+    return Making(pictures, None if truth is None else truth.identity.digest(), settings, source.resolve())
+
+
+def _frames(source: Path) -> Path:
+    return source / "frames" if (source / "capture.json").exists() else source
+
+
+def measure(call: Call) -> dict[str, Any]:
+    """One row. Raises what `make_capture` raises."""
+    making: Making = call.task.settings
+    settings, clock = making.settings, Clock()
+    made = make_capture(_frames(making.source), call.folder, settings, None, clock.watch)
     clock.stop()
     row = {
-        "input": source.name,
+        "input": making.source.name,
         "frames": made.used,
         "preset": settings.preset,
         "movers": settings.movers,
@@ -81,19 +88,11 @@ def measure(source: Path, out: Path, settings: CaptureSettings) -> dict[str, Any
         "reprojection_px": made.reprojection_px,
         "cpu_s": clock.seconds,
         "total_cpu_s": sum(clock.seconds.values()),
-        "identity": identity,
     }
-    row |= _error(made, truth) if truth is not None else {}
-    write_json(result, row)
-    return row
+    return row | ({} if making.truth is None else _error(made, read_capture(making.source)))
 
 
-def _identity(frames: Path, truth: Capture | None, settings: CaptureSettings) -> Identity:
-    files = sorted(path for path in frames.iterdir() if path.is_file())
-    made_from = {"footage": digest_of({path.name: digest_of_file(path) for path in files})}
-    if truth is not None:
-        made_from["capture"] = truth.identity.digest()
-    return Identity("evaluation", digest_of({"version": __version__, "settings": asdict(settings)}), made_from)
+KIND = Kind(measure, version=__version__)
 
 
 def _error(made: CaptureSummary, truth: Capture) -> dict[str, float]:
@@ -124,9 +123,7 @@ def main(
     max_frames: tuple[int, ...] = (150,),
     threads: int = 1,
 ) -> None:
-    make_folder(out)
-    rows = []
-    print("input frames preset movers registered points reprojection_px trajectory_m rotation_deg total_cpu_s")
+    tasks = []
     for source in sources:
         for count in max_frames:
             for preset in presets:
@@ -134,17 +131,18 @@ def main(
                     settings = CaptureSettings(
                         preset, PRESETS[preset], Selection(max_frames=count), size_px=512, threads=threads
                     )
-                    settings = replace(settings, movers=kind)
-                    row = measure(source, out / f"{source.name}-{count}-{preset}-{kind}", settings)
-                    rows.append(row)
-                    write_json(out / "table.json", {"rows": rows})
-                    shown = [f"{row[k]:.3f}" if k in row else "-" for k in ("trajectory_m", "rotation_deg")]
-                    print(
-                        f"{row['input']} {row['frames']} {preset} {kind} {row['registered']:.2f} {row['points']} "
-                        f"{row['reprojection_px']:.2f} {' '.join(shown)} {row['total_cpu_s']:.0f}  "
-                        + " ".join(f"{k}:{v:.0f}" for k, v in row["cpu_s"].items()),
-                        flush=True,
-                    )
+                    making = making_of(source, replace(settings, movers=kind))
+                    name = f"{source.name} {count} {preset} {kind}"
+                    tasks.append(Task("capture-accuracy", name, making, alike=f"{preset} {kind}", units=count))
+    rows = rows_of_tasks(tasks, out)
+    print("input frames preset movers registered points reprojection_px trajectory_m rotation_deg total_cpu_s")
+    for row in rows:
+        shown = [f"{row[k]:.3f}" if k in row else "-" for k in ("trajectory_m", "rotation_deg")]
+        print(
+            f"{row['input']} {row['frames']} {row['preset']} {row['movers']} {row['registered']:.2f} {row['points']} "
+            f"{row['reprojection_px']:.2f} {' '.join(shown)} {row['total_cpu_s']:.0f}  "
+            + " ".join(f"{k}:{v:.0f}" for k, v in row["cpu_s"].items())
+        )
 
 
 if __name__ == "__main__":

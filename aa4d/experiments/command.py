@@ -8,11 +8,13 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from aa4d.console import console, experiment_progress
+from aa4d.console import console, graph_listener
 from aa4d.errors import InputError
-from aa4d.experiments.runner import Outcome, run_experiment, trials_of
+from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.tables import cells, columns_of, headings, lines_of, write_tables
+from aa4d.experiments.trials import Outcome, run_experiment, trials_of
 from aa4d.experiments.variants import Experiment
+from aa4d.graph.engines import Means, engine_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
 from aa4d.settings.given import Given, Options
@@ -32,6 +34,8 @@ def run(
     seeds: int,
     motion: str | None,
     jobs: int,
+    engine: str,
+    address: str | None,
 ) -> None:
     """Raises InputError for a number that makes no sense, and what `run_experiment` raises."""
     check_given(experiment.name, captures, seeds, jobs, iterations)
@@ -47,13 +51,10 @@ def run(
         if outcome.rows:
             write_tables(experiment, outcome.rows, out)
 
-    with experiment_progress() as bar:
-        rows = run_experiment(experiment, trials, out, jobs, bar, write).checked()
-    columns = columns_of(rows)
-    lines = lines_of(experiment, rows)
-    for capture in dict.fromkeys(line.capture for line in lines):
-        here = [cells(line, columns) for line in lines if line.capture == capture]
-        print_table(f"{experiment.title}: {capture}", headings(columns), here)
+    worker = engine_of(engine, Means(jobs, address))
+    with graph_listener(worker.slots) as listen:
+        rows = run_experiment(experiment, trials, out, worker, listen, write).checked()
+    print_rows(experiment, rows)
     console.print(
         f"{settings.coarse_iterations} + {settings.fine_iterations} iterations; "
         "± is the standard deviation over seeds\n"
@@ -72,6 +73,15 @@ def check_given(
     for option, value in (("--seeds", seeds), ("--jobs", jobs), ("--iterations", min(iterations or (1,)))):
         if value < 1:
             raise InputError(f"{option} {value}: must be at least 1")
+
+
+def print_rows(experiment: Experiment, rows: list[Row]) -> None:
+    """A table for each capture."""
+    columns = columns_of(rows)
+    lines = lines_of(experiment, rows)
+    for capture in dict.fromkeys(line.capture for line in lines):
+        here = [cells(line, columns) for line in lines if line.capture == capture]
+        print_table(f"{experiment.title}: {capture}", headings(columns), here)
 
 
 def print_table(title: str, headings: list[str], rows: list[list[str]]) -> None:

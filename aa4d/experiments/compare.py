@@ -8,17 +8,17 @@ from pathlib import Path
 
 from aa4d.capture.content import check_content
 from aa4d.capture.reader import Capture, read_capture
-from aa4d.console import console, experiment_progress, step_progress
+from aa4d.console import console, graph_listener, step_progress
 from aa4d.errors import InputError
 from aa4d.experiments.command import check_given, print_table
 from aa4d.experiments.comparison import base_settings, comparison_of, title_of
 from aa4d.experiments.comparison_tables import POOLED, Comparison, failed_lines, table_of, write_comparison
 from aa4d.experiments.pareto import plot_pareto
-from aa4d.experiments.runner import Outcome, run_experiment, trials_of
 from aa4d.experiments.side_by_side import Panel, compose, crops_of, drawn_by, frames_to_show, truth_of
 from aa4d.experiments.timing import time_runs
-from aa4d.experiments.trial import Trial
+from aa4d.experiments.trials import Outcome, Trial, run_experiment, trials_of
 from aa4d.files import claimed, make_folder, read_json_object, whole_file
+from aa4d.graph.engines import Means, engine_of
 
 PARETO = "pareto.png"
 PICTURES = "pictures"  # a folder
@@ -34,6 +34,8 @@ def compare(
     iterations: tuple[int, int] | None,
     seeds: int,
     jobs: int,
+    engine: str,
+    address: str | None,
 ) -> None:
     """Raises InputError for what cannot be compared, and, once all others are done, where a run failed."""
     experiment = comparison_of(names)
@@ -61,9 +63,10 @@ def compare(
         write_comparison(comparison, out, [*plots, *pictures])
         return comparison
 
-    with experiment_progress() as bar:
+    worker = engine_of(engine, Means(jobs, address))
+    with graph_listener(worker.slots) as listen:
         # Their speed is left out until it has been measured for all alike.
-        outcome = run_experiment(experiment, trials, out, jobs, bar, lambda found: write(_untimed(found), ()))
+        outcome = run_experiment(experiment, trials, out, worker, listen, lambda found: write(_untimed(found), ()))
     with claimed(out, "comparing"):
         finished = [trial for trial in trials if trial.name not in outcome.failures]
         with step_progress("timing") as progress:

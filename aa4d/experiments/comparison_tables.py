@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from aa4d.experiments.runner import Outcome
+from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.tables import Spread, as_csv, as_markdown
-from aa4d.experiments.trial import Row, Trial
+from aa4d.experiments.trials import Outcome, Trial
 from aa4d.files import write_json, write_text
 
 POOLED = "all captures"
@@ -39,6 +39,9 @@ QUALITY = (
     Score("lpips.vgg", "LPIPS (vgg)", 4, -1),
     Score("psnr_dynamic", "PSNR, moving", 2, 1),
     Score("psnr_still", "PSNR, still", 2, 1),
+    Score("psnr_swept", "PSNR, swept ground", 2, 1),
+    Score("second_drone.psnr_seen", "PSNR, second drone", 2, 1),
+    Score("second_drone.psnr_dynamic", "second drone, moving", 2, 1),
     Score("motion_epe_px", "motion error, px", 2, -1),
     Score("travel_ratio", "travel (1 is right)", 2, 0),
 )

@@ -15,7 +15,7 @@ import sys
 from dataclasses import asdict, replace
 from datetime import date
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from tyro.conf import Positional, arg
@@ -71,13 +71,26 @@ def record(
     path = docs / FOLDER / f"{name}.json"
     table = read_measured(path)
     shown = shown_keys(table)
-    rows = [{key: row[key] for key in row if key in shown} for output in outputs for row in rows_of(output)]
+    found = [nested(row) for output in outputs for row in rows_of(output)]
+    rows = [{key: row[key] for key in row if key in shown} for row in found]
     if missing := sorted(shown - {key for row in rows for key in row}):
         raise InputError(f"{path}: a column shows {missing[0]!r}, which no output has")
     write_json(
         path, asdict(replace(table, rows=rows, date=date.today().isoformat(), machine=machine or _machine(), load=load))
     )
     render(docs)
+
+
+def nested(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of a table, whose "lpips.alex" becomes what a column shows as `{lpips[alex]}`."""
+    found: dict[str, Any] = {}
+    for key, value in row.items():
+        outer, dot, inner = key.partition(".")
+        if dot:
+            found.setdefault(outer, {})[inner] = value
+        else:
+            found[key] = value
+    return found
 
 
 def _machine() -> str:

@@ -11,7 +11,7 @@ are rendered from their true poses in the learned world.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,11 +23,15 @@ from aa4d import __version__
 from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import PoseError, in_other_world, inverse, pose_error
 from aa4d.capture.reader import Capture, read_capture, read_image
-from aa4d.experiments.program import run_as_program
-from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.experiments.kinds.train import fit, iterations_of
+from aa4d.experiments.program import rows_of_tasks, run_as_program
+from aa4d.graph.call import Call
+from aa4d.graph.kinds import Kind
+from aa4d.graph.task import Task, location
 from aa4d.identity import Identity, digest_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
+from aa4d.training.run_folder import what_counts
 
 Floats = NDArray[np.float64]
 
@@ -63,38 +67,43 @@ def _moved(viewmat: Floats, turn: Floats, shift: Floats) -> Floats:
     return moved
 
 
-def measure(truth: Capture, given: Capture, config: AdaAnchor4DSettings, out: Path) -> dict[str, Any]:
-    """Train on `given`, compare with `truth`; takes the result that is there if it is of these very inputs.
+@dataclass(frozen=True)
+class Noise:
+    capture: str  # identity of the one with true poses
+    level: float  # degrees, and per cent of the viewing distance
+    seed: int  # of the noise
+    counts: dict[str, Any]  # of the settings: those that tell this run from others
+    training: AdaAnchor4DSettings = location()
+    path: Path = location()
 
-    Raises:
-        InputError: `out` holds a run of another capture or with other settings.
-    """
+
+def measure(call: Call) -> dict[str, Any]:
+    """Train on noisy poses, compare with the true ones. Raises what training raises."""
     from aa4d.methods.model_file import load_model
-    from aa4d.training.run_folder import run_identity
-    from aa4d.training.trainer import description_of, train
 
-    result = out / "result.json"
-    made_from = {"run": run_identity(description_of(given, config)).digest(), "capture": truth.identity.digest()}
-    identity = Identity("evaluation", digest_of({"version": __version__}), made_from).as_json()
-    if result.exists() and (kept := read_json_object(result, "the result of a trial")).get("identity") == identity:
-        return kept
-    loaded = load_model(train(given, out, config, lambda *_: None))
+    noise: Noise = call.task.settings
+    truth = read_capture(noise.path)
+    given = noisy(truth, noise.level, noise.level / 100, noise.seed)
+    fit(call, given, noise.training)
+    loaded = load_model(call.folder / "model.safetensors")
     ranks = truth.of_split("train")
     true = np.array([truth.frames[i].viewmat for i in ranks])
     distance = viewing_distance(true, truth.points)
     before = pose_error(np.array([given.frames[i].viewmat for i in ranks]), true, distance)
     after = pose_error(np.array([loaded.frames[i].viewmat for i in ranks]), true, distance)
-    row = {
+    return {
+        "noise": noise.level,
+        "refined": noise.training.refine_poses,
         "angle_before_deg": before.rotation_deg,
         "angle_after_deg": after.rotation_deg,
         "shift_before": before.trajectory_m / distance,
         "shift_after": after.trajectory_m / distance,
         "psnr": held_out_psnr(truth, loaded, after),
         "seconds": loaded.training_seconds,
-        "identity": identity,
     }
-    write_json(result, row)
-    return row
+
+
+KIND = Kind(measure, version=__version__)
 
 
 def held_out_psnr(truth: Capture, loaded: Any, error: PoseError) -> float:
@@ -129,25 +138,24 @@ def main(
     ),
     iterations: tuple[int, int] = (800, 3000),
     seed: int = 0,
+    jobs: Annotated[int, arg(help="Trainings at a time.")] = 1,
 ) -> None:
-    make_folder(out)
-    truth = read_capture(capture)
+    identity = read_capture(capture).identity.digest()
     base = with_iterations(replace(PRESETS["quick"], seed=seed), *iterations)
-    rows = []
-    print("noise  refined  angle_deg before after  shift_% before after  psnr  seconds")
+    tasks = []
     for level in levels:
-        given = noisy(truth, level, level / 100, seed + 1)
         for refine in (False, True):
             config = replace(base, refine_poses=refine)
-            row = measure(truth, given, config, out / f"{level:g}-{'refined' if refine else 'given'}")
-            rows.append({"noise": level, "refined": refine, **row})
-            write_json(out / "table.json", {"rows": rows})
-            print(
-                f"{level:g} {refine!s:5} {row['angle_before_deg']:.3f} {row['angle_after_deg']:.3f}  "
-                f"{100 * row['shift_before']:.3f} {100 * row['shift_after']:.3f}  {row['psnr']:.2f}  "
-                f"{row['seconds']:.0f}",
-                flush=True,
-            )
+            noise = Noise(identity, level, seed + 1, what_counts(config), config, capture.resolve())
+            name = f"{level:g} {'refined' if refine else 'given'}"
+            tasks.append(Task("pose-noise", name, noise, units=iterations_of(config)))
+    rows = rows_of_tasks(tasks, out, jobs)
+    print("noise  refined  angle_deg before after  shift_% before after  psnr  seconds")
+    for row in rows:
+        print(
+            f"{row['noise']:g} {row['refined']!s:5} {row['angle_before_deg']:.3f} {row['angle_after_deg']:.3f}  "
+            f"{100 * row['shift_before']:.3f} {100 * row['shift_after']:.3f}  {row['psnr']:.2f}  {row['seconds']:.0f}"
+        )
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
-from aa4d.experiments.trial import Row
+from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.variants import Experiment
 from aa4d.files import whole_file, write_text
 
@@ -38,6 +38,9 @@ def columns_of(rows: list[Row]) -> list[Column]:
         Column("psnr_still", "Still-PSNR", 2),
         Column("ssim", "SSIM", 4),
         *(Column(key, f"LPIPS {key.removeprefix('lpips.')}", 4) for key in lpips),
+        Column("psnr_swept", "swept ground", 2),
+        Column("second_drone.psnr_seen", "second drone", 2),
+        Column("second_drone.psnr_dynamic", "second drone, moving", 2),
         Column("motion_epe_px", "motion error px", 2),
         Column("travel_ratio", "travel", 2),
         Column("group_error_m", "group error m", 2),

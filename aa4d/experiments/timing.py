@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from aa4d import __version__
-from aa4d.experiments.trial import Row, Trial
+from aa4d.experiments.kinds.evaluate import Row
+from aa4d.experiments.trials import Trial
 from aa4d.files import read_json_object, write_json
 
 SPEED = "speed.json"

@@ -8,7 +8,7 @@ at. Each run trains the static scene as the preset `quick` does, finds the track
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from math import isnan
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,11 +18,15 @@ from tyro.conf import Positional, arg
 from aa4d import __version__
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import InputError
-from aa4d.experiments.program import run_as_program
-from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.experiments.kinds.train import fit
+from aa4d.experiments.program import rows_of_tasks, run_as_program
+from aa4d.graph.call import Call
+from aa4d.graph.kinds import Kind
+from aa4d.graph.task import Task, location
 from aa4d.identity import Identity, digest_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import MotionSettings, with_iterations
+from aa4d.training.run_folder import what_counts
 
 
 def thinned(capture: Capture, every: int) -> Capture:
@@ -34,36 +38,33 @@ def thinned(capture: Capture, every: int) -> Capture:
     return replace(capture, frames=frames, identity=thin)
 
 
-def measure(capture: Capture, every: int, config: AdaAnchor4DSettings, out: Path) -> dict[str, Any]:
-    """Find and score the movers of a thinned capture; takes the result that is there if it is of these very inputs.
+@dataclass(frozen=True)
+class Recall:
+    capture: str  # its identity
+    every: int
+    counts: dict[str, Any]  # of the settings: those that tell this run from others
+    training: AdaAnchor4DSettings = location()
+    path: Path = location()
 
-    Raises:
-        InputError: the capture has no true tracks, or `out` holds a run of another capture or with other settings.
-    """
+
+def measure(call: Call) -> dict[str, Any]:
+    """Find and score the movers of a thinned capture. Raises what training raises."""
     from aa4d.motion.score import score_tracks
     from aa4d.motion.tracks_file import load_tracks, tracks_path
-    from aa4d.training.run_folder import run_identity
-    from aa4d.training.trainer import description_of, train
 
-    if capture.tracks is None:
-        raise InputError(f"{capture.folder}: has no true tracks; give a capture of `aa4d synth`")
-    thin = thinned(capture, every)
-    result = out / "result.json"
-    made_from = {"run": run_identity(description_of(thin, config)).digest()}
-    identity = Identity("evaluation", digest_of({"version": __version__}), made_from).as_json()
-    if result.exists() and (kept := read_json_object(result, "the result of a trial")).get("identity") == identity:
-        return kept
-    train(thin, out, config, lambda *_: None)
-    score = {k: _plain(v) for k, v in asdict(score_tracks(load_tracks(tracks_path(out)), thin)).items()}
-    row = {
-        "capture": capture.folder.name,
-        "fps": capture.fps / every,
+    recall: Recall = call.task.settings
+    thin = thinned(read_capture(recall.path), recall.every)
+    fit(call, thin, recall.training)
+    score = {k: _plain(v) for k, v in asdict(score_tracks(load_tracks(tracks_path(call.folder)), thin)).items()}
+    return {
+        "capture": thin.folder.name,
+        "fps": thin.fps / recall.every,
         "frames": len(thin.of_split("train")),
         **score,
-        "identity": identity,
     }
-    write_json(result, row)
-    return row
+
+
+KIND = Kind(measure, version=__version__)
 
 
 def _plain(value: Any) -> Any:
@@ -79,27 +80,35 @@ def main(
     every: Annotated[tuple[int, ...], arg(help="Keep every n-th training frame.")] = (1, 2, 3),
     iterations: Annotated[int, arg(help="Of the coarse stage.")] = PRESETS["quick"].coarse_iterations,
     seed: int = 0,
+    jobs: Annotated[int, arg(help="Trainings at a time.")] = 1,
 ) -> None:
     if not captures or min(every, default=0) < 1:
         raise InputError("give at least one capture, and for --every numbers from 1 on")
     opened = [read_capture(folder) for folder in captures]
-    make_folder(out)
+    for capture in opened:
+        if capture.tracks is None:
+            raise InputError(f"{capture.folder}: has no true tracks; give a capture of `aa4d synth`")
     # One iteration of the fine stage: the run ends as soon as the tracks are kept.
     preset = replace(PRESETS["quick"], seed=seed, motion=MotionSettings(tracks="pictures"))
     base = with_iterations(preset, iterations, 1)
-    rows = []
+    tasks = [
+        Task(
+            "track-recall",
+            f"{capture.folder.resolve().name} {step}",
+            Recall(capture.identity.digest(), step, what_counts(base), base, capture.folder.resolve()),
+            alike=capture.folder.resolve().name,
+        )
+        for capture in opened
+        for step in every
+    ]
+    rows = rows_of_tasks(tasks, out, jobs)
     print("capture            a second  vehicle-frames  vehicles  missed  tracks  false  split  merged  error_m")
-    for capture in opened:
-        for step in every:
-            row = measure(capture, step, base, out / f"{capture.folder.resolve().name}-{step}")
-            rows.append(row)
-            write_json(out / "table.json", {"rows": rows})
-            print(
-                f"{row['capture']:18} {row['fps']:8.3g}  {row['recall']:14.1%}  {row['vehicles']:8}  {row['missed']:6}"
-                f"  {row['tracks']:6}  {row['false']:5}  {row['split']:5}  {row['merged']:6}  "
-                f"{'-' if row['position_error_m'] is None else format(row['position_error_m'], '.2f'):>7}",
-                flush=True,
-            )
+    for row in rows:
+        print(
+            f"{row['capture']:18} {row['fps']:8.3g}  {row['recall']:14.1%}  {row['vehicles']:8}  {row['missed']:6}"
+            f"  {row['tracks']:6}  {row['false']:5}  {row['split']:5}  {row['merged']:6}  "
+            f"{'-' if row['position_error_m'] is None else format(row['position_error_m'], '.2f'):>7}"
+        )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,8 @@ from torch import Tensor, nn
 from aa4d.kernels.plane_lookup import PLANES
 from aa4d.kernels.plane_penalty import plane_penalty
 
+SPATIOTEMPORAL = [p for p, plane in enumerate(PLANES) if plane[1] == "t"]  # of `PLANES`, those with time
+
 
 class FeaturePlanes(nn.Module):
     """H_p^(l) for every plane p and level l, and the box of the model frame that they cover.

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from aa4d.capture.schema import PinholeCamera
 from aa4d.errors import InputError
-from aa4d.field.planes import PLANES
+from aa4d.field.planes import SPATIOTEMPORAL
 from aa4d.filming.camera_path import View
 from aa4d.methods.capabilities import WeighsPlanes
 from aa4d.methods.model_file import LoadedModel
@@ -23,7 +23,6 @@ from aa4d.methods.rendering import render
 from aa4d.methods.scene_model import SceneModel
 from aa4d.raster.types import Output, Rendering
 
-SPATIOTEMPORAL = [p for p, plane in enumerate(PLANES) if plane[1] == "t"]
 NOTHING = 0.01  # alpha below which a pixel shows nothing to colour
 BLACK = (0, 0, 0)  # what such a pixel gets
 WORLD_GRAY = (0.35, 0.35, 0.35)

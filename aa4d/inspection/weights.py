@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from aa4d.field.planes import PLANES
-from aa4d.filming.layers import SPATIOTEMPORAL, plane_weights
+from aa4d.field.planes import PLANES, SPATIOTEMPORAL
+from aa4d.filming.layers import plane_weights
 from aa4d.inspection.motion_groups import MotionGroups
 from aa4d.methods.model_file import LoadedModel
 

@@ -20,6 +20,7 @@ METHODS: dict[str, str] = {
     "fourdgs": "aa4d.methods.fourdgs",
     "modec": "aa4d.methods.modec",
     "morel": "aa4d.methods.morel",
+    "sdgs": "aa4d.methods.sdgs",
     "sfgs": "aa4d.methods.sfgs",
     "speede": "aa4d.methods.speede",
 }

@@ -19,6 +19,11 @@ class Rendered:
     visible: Tensor  # [M] the units that were deformed and decoded
 
 
+def exposed(color: Tensor, exposure: Tensor) -> Tensor:
+    """Colors [..., 3] as a camera records them whose exposure is the affine map [3, 4] (M, b): M c + b."""
+    return color @ exposure[:, :3].T + exposure[:, 3]
+
+
 def render(
     model: SceneModel,
     t: float | None,

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, TypeVar
 
-from aa4d.settings.allowed import Count, Iterations, NameIn, NotNegative, Pixels, Range, Rate, Seed, Share
+from aa4d.settings.allowed import Count, Iterations, NameIn, NotNegative, Pixels, Positive, Range, Rate, Seed, Share
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class CommonRates:
     tracks: Decay = Decay(2e-4, 2e-5)  # [chosen] model units: a hundredth of a pixel's width at focal length 250
     heading: Decay = Decay(2e-3, 2e-4)  # [chosen] radians: what turns a car's ends by as much
     poses: Decay = Decay(2e-3, 2e-5)  # [chosen] radians and model units; falls over all stages
+    exposures: Decay = Decay(2e-3, 2e-4)  # [chosen] of color in [0, 1]; falls over all stages
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,18 @@ class DensitySchedule:
     start: Iterations = 1500  # iteration from which units come and go
     interval: Count = 100  # iterations from one occasion to the next
     until: Iterations = 15000  # iteration after which none comes or goes
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnchorDensification(DensitySchedule):
+    """Growing and pruning of anchors, all [Scaffold-GS], their schedule too, unless marked."""
+
+    gradient_threshold: Positive = 2e-4  # of the screen-space gradient, normalised device units
+    seen_share: Share = 0.8  # of an interval's iterations, before a statistic counts
+    min_opacity: Share = 0.005  # mean sum over an anchor's Gaussians, below which it is pruned
+    levels: Annotated[int, Range(1, 8)] = 3  # of voxels that anchors grow into
+    voxel_factor: Annotated[int, Range(1, 4096)] = 16  # edge of the coarsest voxels, in finest ones; then quarters
+    max_anchors: Count = 200_000  # [chosen] a bound on memory
 
 
 @dataclass(frozen=True)
@@ -78,6 +91,9 @@ class RunSettings:
     seed: Seed = 0  # of everything random
     checkpoint_every: Count = 500  # iterations; a killed run repeats at most so many
     refine_poses: bool = False  # learn the training cameras' poses with the scene
+    exposure: bool = False  # learn an affine map of color for each training view: the camera's exposure
+    leave_out: bool = False  # the loss does not see what is white in CAPTURE/left_out/NAME.png, or all.png
+    true_depth: NotNegative = 0.0  # weight of the relative error of depth, where the capture has true depth
     motion: MotionSettings | None = None  # anchors that ride on movers; None: nothing rides
     rates: CommonRates
     densification: DensitySchedule

@@ -24,7 +24,9 @@ from aa4d.methods.settings import RunSettings
 from aa4d.methods.tensors import check_like
 from aa4d.motion.groups import blank_groups
 from aa4d.motion.spline import FEWEST_CONTROLS
+from aa4d.training.exposures import Exposures
 from aa4d.training.optimiser import MOMENTS, load_moments, make_optimiser
+from aa4d.training.per_view import PerView
 from aa4d.training.poses import PoseRefinement
 from aa4d.training.schedule import Schedule, schedule_of
 from aa4d.training.spent import Spent
@@ -42,7 +44,13 @@ class TrainingState:
     model: SceneModel
     optimiser: Adam
     statistics: Statistics
-    poses: PoseRefinement | None = None  # where poses are learned
+    poses: PoseRefinement | None = None  # where they are learned
+    exposures: Exposures | None = None  # likewise
+
+    @property
+    def per_view(self) -> list[PerView]:
+        """What is learned of each view."""
+        return [each for each in (self.poses, self.exposures) if each is not None]
 
 
 def save_checkpoint(path: Path, state: TrainingState) -> None:
@@ -51,8 +59,8 @@ def save_checkpoint(path: Path, state: TrainingState) -> None:
     for name, parameter in state.model.named_parameters():
         for key, value in state.optimiser.state.get(parameter, {}).items():
             tensors[f"adam.{key}.{name}"] = value
-    if state.poses is not None:
-        tensors |= {f"poses.{name}": value for name, value in state.poses.tensors().items()}
+    for learned in state.per_view:
+        tensors |= {f"{learned.part}.{name}": value for name, value in learned.tensors().items()}
     position: dict[str, Any] = {"stage": state.stage, "iteration": state.iteration, **asdict(state.spent)}
     if state.model.groups is not None:
         position["groups"] = state.model.groups.names
@@ -62,9 +70,14 @@ def save_checkpoint(path: Path, state: TrainingState) -> None:
 
 
 def load_checkpoint(
-    path: Path, settings: RunSettings, device: torch.device, poses: PoseRefinement | None = None
+    path: Path,
+    settings: RunSettings,
+    device: torch.device,
+    poses: PoseRefinement | None = None,
+    exposures: Exposures | None = None,
 ) -> TrainingState:
-    """Raises InputError for a damaged file or one of another configuration. `poses` are set to those of the file."""
+    """Raises InputError for a damaged file or one of another configuration. `poses` and `exposures` are set to those
+    of the file."""
     try:
         with safe_open(str(path), framework="pt", device=str(device)) as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
@@ -80,10 +93,11 @@ def load_checkpoint(
         if iteration and not moments["step"]:
             raise ValueError("it lacks the optimiser's moments")
         load_moments(model, optimiser, moments)
-        if poses is not None:
-            poses.load(_part(tensors, "poses."))
         statistics = _statistics(model, _part(tensors, "statistics."))
-        return TrainingState(stage.name, iteration, spent, model, optimiser, statistics, poses)
+        state = TrainingState(stage.name, iteration, spent, model, optimiser, statistics, poses, exposures)
+        for learned in state.per_view:
+            learned.load(_part(tensors, f"{learned.part}."))
+        return state
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
         # The last line: load_state_dict says there what does not fit.
         reason = f"it lacks {error}" if isinstance(error, KeyError) else f"{error}".splitlines()[-1].strip()

@@ -17,6 +17,7 @@ from aa4d.methods.settings import AnchorSettings, MotionSettings, RunSettings
 from aa4d.motion.tracks import Tracks
 from aa4d.motion.tracks_file import load_tracks, movers_path, save_tracks, tracks_path
 from aa4d.motion.truth import truth_tracks
+from aa4d.training.exposures import Exposures
 from aa4d.training.frames import TrainingFrames
 from aa4d.training.riding import FloatArray, add_riders, find, membership_loss
 from aa4d.training.spent import Spent
@@ -52,11 +53,12 @@ class Movers:
             raise InputError(f"{path}: holds tracks of another capture; {RESTART}")
         return tracks
 
-    def look(self, model: SceneModel, stage: str, say: Callable[[str], None]) -> Spent:
+    def look(self, model: SceneModel, exposures: Exposures | None, stage: str, say: Callable[[str], None]) -> Spent:
         """Find them against the static scene, the second time with what the first look found; returns its time."""
         started = Spent.clocks()
         say(f"looking for movers in {len(self._frames.views)} frames")
-        self.tracks = find(self.settings.tracks, self._frames.capture, *static_views(model, self._frames), self.tracks)
+        views = static_views(model, self._frames, exposures)
+        self.tracks = find(self.settings.tracks, self._frames.capture, *views, self.tracks)
         spent = Spent.clocks().since(started)
         say(f"tracks of movers after the {stage} stage: {len(self.tracks)}, in {spent.seconds:.0f} s")
         return spent
@@ -107,11 +109,14 @@ class Movers:
 
 
 @torch.no_grad()
-def static_views(model: SceneModel, frames: TrainingFrames) -> tuple[FloatArray, FloatArray]:
+def static_views(
+    model: SceneModel, frames: TrainingFrames, exposures: Exposures | None = None
+) -> tuple[FloatArray, FloatArray]:
     """What the static scene shows in place of the training frames: color [V, H, W, 3], depth_z in world units."""
     color, depth = [], []
-    for view in frames.views:
-        rendering = render(model, None, view.camera, frames.background, outputs=["depth"]).rendering
+    for index, view in enumerate(frames.views):
+        rendered = render(model, None, view.camera, frames.background, outputs=["depth"])
+        rendering = (rendered if exposures is None else exposures.of(index, rendered)).rendering
         assert rendering.depth is not None
         color.append(rendering.color.clamp(0, 1).cpu().numpy())
         depth.append(rendering.depth.cpu().numpy() * np.float32(frames.frame.unit_m))

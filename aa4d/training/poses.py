@@ -19,15 +19,13 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
-from torch.optim import Adam
+from torch import Tensor
 
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture
 from aa4d.methods.settings import Decay
-from aa4d.methods.tensors import check_like
 from aa4d.raster.types import Camera
-from aa4d.training.optimiser import MOMENTS, check_moments
+from aa4d.training.per_view import PerView
 
 SMALL = 1e-6  # squared radians, below which the exponential map's coefficients are their series
 
@@ -75,61 +73,29 @@ def gauge_directions(viewmats: Tensor) -> Tensor:
     return left[:, singular > 1e-6 * singular[0]]
 
 
-class PoseRefinement(nn.Module):
-    """The twists of the training cameras, and their optimiser."""
+class PoseRefinement(PerView):
+    """The twists of the training cameras."""
+
+    part, name = "poses", "twists"
 
     def __init__(self, cameras: Sequence[Camera], rate: Decay) -> None:
-        super().__init__()
         viewmats = torch.stack([camera.viewmat for camera in cameras])
-        # One parameter a camera: an iteration that draws one view leaves the moments of the others alone.
-        self.twists = nn.ParameterList(nn.Parameter(torch.zeros(6, device=viewmats.device)) for _ in cameras)
+        super().__init__(torch.zeros(len(cameras), 6, device=viewmats.device), rate)
         self._gauge = gauge_directions(viewmats)
-        self._rate = rate
-        self.optimiser = Adam(self.twists, lr=rate.initial, eps=1e-15)
 
     def camera(self, index: int, camera: Camera) -> Camera:
         """`camera`, the training camera of that index, where it is thought to stand now; carries gradients."""
-        return dataclasses.replace(camera, viewmat=exponential(self.twists[index]) @ camera.viewmat)
+        return dataclasses.replace(camera, viewmat=exponential(self.of_views[index]) @ camera.viewmat)
 
-    def step(self, progress: float) -> None:
-        """After the loss's backward pass. `progress` in [0, 1], over the whole training."""
-        for group in self.optimiser.param_groups:
-            group["lr"] = self._rate.at(progress)
-        self.optimiser.step()
-        self.optimiser.zero_grad(set_to_none=True)
-
-    @torch.no_grad()
     def fix_gauge(self) -> None:
         """Take out what moves all cameras as one."""
-        for twist, value in zip(self.twists, torch.from_numpy(self.values()), strict=True):
-            twist.copy_(value)
+        self.set_to(torch.from_numpy(self.values()))
 
     def values(self) -> NDArray[np.float64]:
         """[N, 6], without what moves all cameras as one."""
-        twists = torch.cat([t.detach() for t in self.twists]).double()
+        twists = self.stacked().double().flatten()
         free: NDArray[np.float64] = (twists - self._gauge @ (self._gauge.T @ twists)).reshape(-1, 6).cpu().numpy()
         return free
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Everything that the next step depends on, for a checkpoint."""
-        kept = {"twists": torch.stack([t.detach() for t in self.twists])}
-        for key in ("step", "exp_avg", "exp_avg_sq"):
-            states = [self.optimiser.state.get(t, {}) for t in self.twists]
-            blank = torch.zeros(()) if key == "step" else torch.zeros(6)
-            kept[key] = torch.stack([s.get(key, blank).to(kept["twists"].device) for s in states])
-        return kept
-
-    @torch.no_grad()
-    def load(self, tensors: dict[str, Tensor]) -> None:
-        """Raises KeyError or ValueError where they are not `tensors()` of as many cameras."""
-        for name, blank in self.tensors().items():
-            check_like(tensors[name], blank, f"poses.{name}")
-        for i, twist in enumerate(self.twists):
-            twist.copy_(tensors["twists"][i])
-            if tensors["step"][i] > 0:
-                state = {key: tensors[key][i].clone() for key in MOMENTS}
-                check_moments(state, twist, f"pose {i}")
-                self.optimiser.state[twist] = state | {"step": state["step"].cpu()}
 
 
 def refined(capture: Capture, frame: ModelFrame, twists: NDArray[np.float64]) -> Capture:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,23 @@ from aa4d.errors import InputError
 from aa4d.files import read_json_object, write_json
 from aa4d.identity import Identity, digest_of, identity_of
 from aa4d.methods import DEFAULT
+from aa4d.methods.settings import RunSettings
 
 SETTINGS = "config.json"
+
+
+def what_counts(settings: RunSettings) -> dict[str, Any]:
+    """All settings of a run but those that are off, as before there were such settings."""
+    training = asdict(settings)
+    if settings.motion is None:
+        del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
+    if not settings.leave_out:
+        del training["leave_out"]
+    if settings.true_depth == 0:
+        del training["true_depth"]
+    if not settings.exposure:
+        del training["exposure"], training["rates"]["exposures"]
+    return training
 
 
 def run_settings(capture: Capture, method: str, training: dict[str, Any], model: dict[str, Any]) -> dict[str, Any]:

@@ -28,13 +28,15 @@ from aa4d.methods.settings import RunSettings
 from aa4d.raster.types import Output
 from aa4d.settings.toml import as_toml
 from aa4d.training.checkpoints import TrainingState, load_checkpoint, save_checkpoint
+from aa4d.training.depth import depth_loss
+from aa4d.training.exposures import Exposures, with_exposures
 from aa4d.training.frames import TrainingFrames, View, training_frames
 from aa4d.training.history import History
 from aa4d.training.movers import Movers
 from aa4d.training.optimiser import edit_units, make_optimiser, set_rates
 from aa4d.training.poses import PoseRefinement, refined
 from aa4d.training.riding import check_source, refuse_idle_rates
-from aa4d.training.run_folder import check_folder, claimed, run_identity, run_settings
+from aa4d.training.run_folder import check_folder, claimed, run_identity, run_settings, what_counts
 from aa4d.training.schedule import CLEAN, Schedule, schedule_of
 from aa4d.training.spent import Spent
 from aa4d.training.watchdog import NotFinite, Watch, advice, check_finite
@@ -81,7 +83,8 @@ def train(
     else:
         check_source(settings.motion.tracks, capture)
     # Every image is read here, so that bad input is refused before anything is written.
-    run = Run(training_frames(capture, chosen), out, settings)
+    frames = training_frames(capture, chosen, with_masks=settings.leave_out, with_depth=settings.true_depth > 0)
+    run = Run(frames, out, settings)
     with claimed(out, description):
         write_text(out / "settings.toml", given)
         state = run.last_good_state()
@@ -102,10 +105,8 @@ def train(
 
 def description_of(capture: Capture, settings: RunSettings) -> dict[str, Any]:
     """What makes a run this one and no other: `config.json`. The settings may be resolved already."""
-    training = dataclasses.asdict(method_of(settings.method).resolved(settings, len(capture.frames)))
+    training = what_counts(method_of(settings.method).resolved(settings, len(capture.frames)))
     model = training.pop("model", {})
-    if settings.motion is None:  # as before there was such a setting
-        del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
     return run_settings(capture, settings.method, training, model)
 
 
@@ -129,7 +130,7 @@ class Run:
         first = self.schedule.stages[0]
         optimiser = make_optimiser(model, self.settings.rates, canonical=first.canonical)
         statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
-        return TrainingState(first.name, 0, Spent(), model, optimiser, statistics, self._poses())
+        return TrainingState(first.name, 0, Spent(), model, optimiser, statistics, self._poses(), self._exposures())
 
     def _poses(self) -> PoseRefinement | None:
         """The given poses as a start, where they are learned."""
@@ -137,11 +138,18 @@ class Run:
             return None
         return PoseRefinement([view.camera for view in self.frames.views], self.settings.rates.poses)
 
+    def _exposures(self) -> Exposures | None:
+        """None but where they are learned."""
+        if not self.settings.exposure:
+            return None
+        return Exposures(len(self.frames.views), self.settings.rates.exposures, self.frames.device)
+
     def last_good_state(self) -> TrainingState:
         """That of the checkpoint, or the initial one where there is none."""
         if not self.checkpoint_path.exists():
             return self.initial_state()
-        return load_checkpoint(self.checkpoint_path, self.settings, self.frames.device, self._poses())
+        device = self.frames.device
+        return load_checkpoint(self.checkpoint_path, self.settings, device, self._poses(), self._exposures())
 
     def is_finished(self, state: TrainingState) -> bool:
         last = self.schedule.stages[-1]
@@ -175,7 +183,7 @@ class Run:
         check_finite(state.optimiser, "a parameter")
         movers, first_moving = self.movers, self.schedule.first_moving
         if movers is not None and movers.settings.needs_static and following.name in (CLEAN, first_moving.name):
-            state.spent += movers.look(state.model, state.stage, say)
+            state.spent += movers.look(state.model, state.exposures, state.stage, say)
             assert movers.tracks is not None
             if following.name == CLEAN and len(movers.tracks):
                 movers.keep_first_look()
@@ -245,10 +253,10 @@ class Run:
         optimiser.step()
         if movers is not None:
             movers.bound(model)
-        if (poses := state.poses) is not None:
-            poses.step(self.steps(state) / self.schedule.total)
+        for learned in state.per_view:
+            learned.step(self.steps(state) / self.schedule.total)
             if (state.iteration + 1) % len(self.frames.views) == 0:
-                poses.fix_gauge()
+                learned.fix_gauge()
         if watch:
             watch(optimiser, "a parameter")
         self._change_units(state, stage, drawn)
@@ -263,16 +271,29 @@ class Run:
         if state.poses is not None:
             view = dataclasses.replace(view, camera=state.poses.camera(index, view.camera))
         t = self.method.trained_time(stage, state.iteration, view.t, len(self.frames.views), self.settings)
-        outputs = self.method.outputs(self.settings) if self._gathers(stage, state.iteration + 1) else ()
+        outputs = {*self.method.outputs(self.settings)} if self._gathers(stage, state.iteration + 1) else set()
+        if view.depth is not None:
+            outputs.add("depth")
         rendered = self._render(state, dataclasses.replace(view, t=t), outputs)
-        target = view.target()
-        if movers is not None and movers.tracks is not None and stage.canonical:
-            # Where something moves the static scene is asked for nothing: its own picture has no gradient.
-            target = torch.where(movers.moving(index)[..., None], rendered.rendering.color.detach(), target)
+        if state.exposures is not None:
+            rendered = state.exposures.of(index, rendered)
+        target, ignored = view.target(), self._ignored(stage, view, index)
+        if ignored is not None:  # its own picture has no gradient
+            target = torch.where(ignored[..., None], rendered.rendering.color.detach(), target)
         loss, squared_error = self.method.image_loss(rendered, target, self.settings)
+        if view.depth is not None:
+            loss = loss + self.settings.true_depth * depth_loss(rendered.rendering.depth, view.depth, ignored)
         if movers is not None and (of_movers := movers.loss(rendered, index)) is not None:
             loss = loss + of_movers
         return rendered, loss, squared_error
+
+    def _ignored(self, stage: Stage, view: View, index: int) -> Tensor | None:
+        """Pixels [H, W] of a view of which nothing is asked: those left out, and movers while the scene is static."""
+        movers = self.movers
+        if movers is None or movers.tracks is None or not stage.canonical:
+            return view.left_out
+        moving = movers.moving(index)
+        return moving if view.left_out is None else moving | view.left_out
 
     @torch.no_grad()
     def _change_units(self, state: TrainingState, stage: Stage, drawn: list[Rendered]) -> None:
@@ -348,15 +369,18 @@ class Run:
             "seconds": round(state.spent.seconds, 3),
             "processor_seconds": round(state.spent.processor_seconds, 3),
         }
-        if (poses := state.poses) is not None:
+        if state.poses is not None:
             training["refined_poses"] = True
+            capture = refined(capture, self.frames.frame, state.poses.values())
+        if state.exposures is not None:
+            capture = with_exposures(capture, state.exposures.values())
         red, green, blue = (float(c) for c in self.frames.background)
         save_model(
             path,
             self.method.name,
             state.model,
             is_static=self.schedule[state.stage].canonical,
-            capture=capture if poses is None else refined(capture, self.frames.frame, poses.values()),
+            capture=capture,
             frame=self.frames.frame,
             background=(red, green, blue),
             training=training,

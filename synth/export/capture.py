@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 from typing import Any
 
-from synth.capture import INDEX, PLAN, Folder
+from synth.capture import INDEX, PLAN, SECOND, Folder
 from synth.costs import Costs
 from synth.effects import at
 from synth.export.colmap import colmap_model
@@ -69,7 +69,7 @@ def checksums(folder: Folder) -> dict[str, str]:
     """SHA-256 of every file of the capture by its path, but for the index and what differs from run to run."""
     left_out = {CHECKSUMS, COSTS, INDEX, LEDGER, PLAN}
     files = sorted(path for path in folder.root.rglob("*") if path.is_file())
-    names = {folder.relative(path): path for path in files}
+    names = {folder.relative(path): path for path in files if SECOND not in path.relative_to(folder.root).parts[:1]}
     return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in names.items() if name not in left_out}
 
 

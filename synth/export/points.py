@@ -42,11 +42,9 @@ class PointCloud:
 
 def load_views(plan: Plan, read_image: Callable[[Frame], NDArray[np.uint8]],
                read_truth: Callable[[Frame], dict[str, NDArray]]) -> list[View]:  # fmt: skip
-    """The training frames of a rendered plan; of a clip of one frame, that one."""
+    """The training frames of a rendered plan; where there are none, of one frame or a second drone, all."""
     views = []
-    for frame in plan.frames:
-        if frame.split != "train" and len(plan.frames) > 1:
-            continue
+    for frame in [frame for frame in plan.frames if frame.split == "train"] or plan.frames:
         truth = read_truth(frame)
         depth, ids = truth["depth_z"], truth["instance_id"]
         moves = np.concatenate([[False], plan.cast.moving(frame.time_s)])  # by id; 0 is the background

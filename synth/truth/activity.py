@@ -107,6 +107,21 @@ def heterogeneity_in_space(labels: NDArray[np.uint8]) -> float:
     return float(max(0.0, -(share * np.log(share)).sum()) / np.log(4))
 
 
+def active_share(active: Mask) -> float:
+    """Of the cells [T, ...], those that are ever active."""
+    ever = active.reshape(len(active), -1).any(axis=0)
+    return float(ever.mean()) if len(ever) else 0.0
+
+
+def changes_per_second(active: Mask, duration_s: float) -> float:
+    """How often a cell [T, ...] that is ever active begins or ends to be so, in the mean over those cells."""
+    flat = active.reshape(len(active), -1)
+    ever = flat[:, flat.any(axis=0)]
+    if duration_s <= 0 or not ever.size:
+        return 0.0
+    return float((ever[1:] != ever[:-1]).sum(axis=0).mean() / duration_s)
+
+
 def heterogeneity_in_time(active: Mask) -> float:
     """Mean of 4 a (1 - a) over the cells that are ever active, a being the share of the time [T, ...] in which the
     cell is: 0 where every active cell is so all the time, 1 where each is half the time."""

@@ -16,6 +16,8 @@ from synth.truth.activity import (
     STATIC,
     UNSEEN,
     Grid,
+    active_share,
+    changes_per_second,
     footprints,
     grid_around,
     heterogeneity_in_space,
@@ -164,7 +166,12 @@ def _activity(plan: Plan, folder: Folder) -> dict[str, Any]:
         cell_m=np.array(grid.cell_m),
     )
     watched = active[:, seen.any(axis=0)]
-    indices = {"space": heterogeneity_in_space(ever), "time": heterogeneity_in_time(watched)}
+    indices = {
+        "space": heterogeneity_in_space(ever),
+        "time": heterogeneity_in_time(watched),
+        "active_share": active_share(watched),
+        "changes_per_s": changes_per_second(watched, float(times[-1] - times[0])),
+    }
     return {"activity": "truth/activity.npz", "heterogeneity": {k: round(v, 6) for k, v in indices.items()}}
 
 

@@ -8,9 +8,9 @@ import torch
 
 from aa4d.anchors.canonical import EMBEDDINGS, Anchors, spacing, voxel_centres
 from aa4d.anchors.densification import Growth, Statistics, grow
-from aa4d.methods.adaanchor4d.growth import edit_of
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D
 from aa4d.methods.adaanchor4d.settings import LearningRates, ModelConfig
+from aa4d.methods.anchor_growth import edit_of
 from aa4d.training.checkpoints import TrainingState
 from aa4d.training.optimiser import edit_units, make_optimiser
 from aa4d.training.spent import Spent

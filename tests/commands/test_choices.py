@@ -34,6 +34,8 @@ REGISTRIES = [
     ("sweep", "aa4d.experiments.variants", "SWEEPS"),
     ("compare", "aa4d.methods", "METHODS"),
     ("sweep", "aa4d.methods.adaanchor4d.settings", "PRESETS"),
+    ("experiment", "aa4d.graph.engines", "ENGINES"),
+    ("compare", "aa4d.graph.engines", "ENGINES"),
     ("synth", "aa4d.commands.synth", "COMMANDS"),
     ("bench", "aa4d.commands.bench", "COMMANDS"),
 ]

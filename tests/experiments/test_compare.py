@@ -16,8 +16,8 @@ from PIL import Image
 from aa4d import cli
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.evaluation.speed import measure_speed
-from aa4d.experiments.runner import Outcome
-from aa4d.experiments.trial import Trial, numbers
+from aa4d.experiments.kinds.evaluate import numbers
+from aa4d.experiments.trials import Outcome, Trial
 from aa4d.files import claimed, write_json
 from aa4d.methods.model_file import load_model
 

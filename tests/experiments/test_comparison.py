@@ -12,9 +12,9 @@ from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.experiments.comparison import TRACKED, base_settings, comparison_of, entries, title_of
 from aa4d.experiments.comparison_tables import POOLED, Comparison, Failure, failed_lines, table_of, write_comparison
+from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.pareto import front, plot_pareto
 from aa4d.experiments.side_by_side import ASPECT, Panel, compose, crops_of, frames_to_show
-from aa4d.experiments.trial import Row
 from aa4d.methods import METHODS
 from aa4d.methods.adaanchor4d.settings import PRESETS
 from aa4d.methods.fourdgs import settings as fourdgs

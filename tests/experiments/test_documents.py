@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from aa4d.errors import InputError
-from aa4d.experiments.documents import record, render, rendered
+from aa4d.experiments.documents import nested, record, render, rendered
 from aa4d.experiments.outputs import rows_of
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -123,6 +123,11 @@ def test_recording_refuses_an_output_of_something_else(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a column shows 'gaussians', which no output has"):
         record("raster", (output,), load="1", docs=docs)
     assert json.loads((docs / "measured" / "raster.json").read_text()) == TABLE
+
+
+def test_keys_with_a_dot_are_shown_by_their_parts() -> None:
+    row = {"psnr": 30.5, "lpips.alex": 0.1, "lpips.vgg": 0.2}
+    assert nested(row) == {"psnr": 30.5, "lpips": {"alex": 0.1, "vgg": 0.2}}
 
 
 def test_rows_are_read_from_all_that_commands_write(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from aa4d.experiments.kinds.evaluate import Row, numbers
 from aa4d.experiments.tables import Spread, columns_of, differences_of, lines_of, write_tables
-from aa4d.experiments.trial import Row, numbers
 from aa4d.experiments.variants import Experiment, Variant
 
 TWO = Experiment("two", "Two of them", (Variant("plain"), Variant("fancy")))

@@ -22,9 +22,9 @@ from aa4d.capture.gnss import read_subtitles
 from aa4d.capture.reader import read_capture
 from aa4d.capture.sources.transforms import read_transforms
 from aa4d.errors import InputError
-from aa4d.experiments.runner import claim, trials_of
+from aa4d.experiments.kinds.trial import kept
 from aa4d.experiments.tables import cells, columns_of, lines_of
-from aa4d.experiments.trial import Trial, finished_row
+from aa4d.experiments.trials import Trial, claim, task_of, trials_of
 from aa4d.experiments.variants import SWEEPS
 from aa4d.files import write_json
 from aa4d.filming.camera_path import read_camera_path
@@ -248,9 +248,13 @@ def write_trial(folder: Folder) -> None:
 
 
 def read_trial(path: Path) -> Any:
-    trial = _trials(path.parents[3])[0]
-    row = finished_row(trial, _toy_capture())
-    return None if row is None else (row, [cells(line, columns_of([row])) for line in lines_of(SWEEPS["gamma"], [row])])
+    root = path.parents[3]
+    trial = _trials(root)[0]
+    found = kept(task_of(trial, _toy_capture(), root), trial.out)
+    if found is None:
+        return None
+    row = found.result
+    return (row, [cells(line, columns_of([row])) for line in lines_of(SWEEPS["gamma"], [row])])
 
 
 def write_scene(folder: Folder) -> None:

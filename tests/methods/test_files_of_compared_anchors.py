@@ -1,7 +1,8 @@
-"""Model files of MoDec-GS and 4D-SFGS: every variant is read back, and a damaged header is one sentence."""
+"""Model files of MoDec-GS, SD-GS and 4D-SFGS: every variant is read back, and a damaged header is one sentence."""
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from aa4d.methods.modec.settings import FieldConfig
 from aa4d.methods.modec.settings import ModelConfig as ModecConfig
 from aa4d.methods.model_file import load_model, read_tensors, save_model
 from aa4d.methods.scene_model import SceneModel
+from aa4d.methods.sdgs.model import blank_model as blank_sdgs
+from aa4d.methods.sdgs.settings import ModelConfig as SdgsConfig
 from aa4d.methods.sfgs.model import blank_model as blank_sfgs
 from aa4d.methods.sfgs.settings import ModelConfig as SfgsConfig
 
@@ -25,6 +28,11 @@ from aa4d.methods.sfgs.settings import ModelConfig as SfgsConfig
 def modec(**switches: Any) -> SceneModel:
     field = FieldConfig(3, (4, 5), 6, 7)
     return blank_modec(Config(ModecConfig(offsets=2, feature_dim=5, **switches), field, field), 3)
+
+
+def sdgs() -> SceneModel:
+    sizes = SdgsConfig(offsets=2, feature_dim=5, decoder_hidden=6, time_frequencies=3, plane_dim=3, width=7)
+    return blank_sdgs(replace(sizes, spatial_resolutions=(4, 5), temporal_resolution=6), 3)
 
 
 def sfgs() -> SceneModel:
@@ -49,9 +57,10 @@ def write(path: Path, method: str, model: SceneModel, folder: Path) -> Path:
         ("modec", modec(gad=False)),
         ("modec", modec(gad=False, lgd="anchors")),
         ("modec", modec(lgd="none")),
+        ("sdgs", sdgs()),
         ("sfgs", sfgs()),
     ],
-    ids=["modec", "no gates", "local", "anchors", "global", "sfgs"],
+    ids=["modec", "no gates", "local", "anchors", "global", "sdgs", "sfgs"],
 )
 def test_every_variant_is_read_back_whole(method: str, model: SceneModel, toy_capture: Path, tmp_path: Path) -> None:
     torch.manual_seed(0)
@@ -78,6 +87,8 @@ def test_every_variant_is_read_back_whole(method: str, model: SceneModel, toy_ca
         ("modec", lambda _, t: t.pop("gad.field.planes.1.xt"), "'gad.field.planes.1.xt' is missing"),
         ("modec", lambda _, t: t.pop("anchors.dynamics"), "'anchors.dynamics' is missing"),
         ("modec", lambda _, t: t.update({"lgd.field.planes.0.zt": torch.zeros(3, 3)}), "config is wrong"),
+        ("sdgs", lambda c, _: c.update(time_frequencies=40), "the header's config is wrong"),
+        ("sdgs", lambda _, t: t.pop("deformation.field.planes.0.xt"), "xt' is missing"),
         ("sfgs", lambda c, _: c.update(beta=0.5), "the header's config is wrong"),
         ("sfgs", lambda c, _: c.update(fastest="fast"), "the header's config is wrong"),
         ("sfgs", lambda _, t: t["clip_s"].zero_(), "clip_s or frame_s is not above 0"),
@@ -91,7 +102,8 @@ def test_what_no_training_wrote_is_refused_in_one_sentence(
     toy_capture: Path,
     tmp_path: Path,
 ) -> None:
-    path = write(tmp_path / "model.safetensors", method, modec() if method == "modec" else sfgs(), toy_capture)
+    model = {"modec": modec, "sdgs": sdgs, "sfgs": sfgs}[method]()
+    path = write(tmp_path / "model.safetensors", method, model, toy_capture)
     header, tensors = read_tensors(path)
     change(header["config"], tensors)
     save_file(tensors, str(path), metadata={"aa4d": json.dumps(header)})

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from aa4d.capture.reader import read_capture
-from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings, Densification
-from aa4d.methods.settings import MotionSettings
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
+from aa4d.methods.settings import AnchorDensification, MotionSettings
 from aa4d.training.trainer import train
 
 SHORT = AdaAnchor4DSettings(
@@ -17,7 +17,7 @@ SHORT = AdaAnchor4DSettings(
     fine_iterations=40,
     voxel_px=1.5,
     rates=PRESETS["quick"].rates,
-    densification=Densification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
+    densification=AnchorDensification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
 )
 OFTEN_SAVED = replace(SHORT, checkpoint_every=8)
 RIDING = replace(OFTEN_SAVED, motion=MotionSettings(tracks="truth"))  # the square of the toy capture is a rigid group

@@ -12,9 +12,9 @@ from scipy.linalg import expm
 from aa4d.capture.frame import ModelFrame
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import Interrupted
-from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings, Densification
+from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.model_file import load_model
-from aa4d.methods.settings import Decay
+from aa4d.methods.settings import AnchorDensification, Decay
 from aa4d.raster.types import Camera
 from aa4d.training.frames import training_frames
 from aa4d.training.poses import (
@@ -111,10 +111,10 @@ def test_fixing_the_gauge_keeps_what_distinguishes_cameras() -> None:
     own = (own.reshape(-1).double() - basis @ (basis.T @ own.reshape(-1).double())).float()
     drift = (basis @ torch.linspace(-0.02, 0.02, 7, dtype=torch.float64)).float()
     with torch.no_grad():
-        for twist, value in zip(poses.twists, (own + drift).reshape(-1, 6), strict=True):
+        for twist, value in zip(poses.of_views, (own + drift).reshape(-1, 6), strict=True):
             twist.copy_(value)
     poses.fix_gauge()
-    torch.testing.assert_close(torch.cat(list(poses.twists)), own, rtol=0, atol=1e-7)
+    torch.testing.assert_close(torch.cat(list(poses.of_views)), own, rtol=0, atol=1e-7)
 
 
 def test_a_view_moves_its_own_camera_only() -> None:
@@ -122,14 +122,14 @@ def test_a_view_moves_its_own_camera_only() -> None:
     for index in (2, 2, 4):
         poses.camera(index, cameras()[index]).viewmat[0, 3].backward()
         poses.step(0.0)
-    moved_cameras = [i for i, twist in enumerate(poses.twists) if twist.abs().max() > 0]
+    moved_cameras = [i for i, twist in enumerate(poses.of_views) if twist.abs().max() > 0]
     assert moved_cameras == [2, 4]
     again = PoseRefinement(cameras(), RATE)
     again.load(poses.tensors())
     for one in (poses, again):
         one.camera(2, cameras()[2]).viewmat[1, 3].backward()
         one.step(0.5)
-    for a, b in zip(poses.twists, again.twists, strict=True):
+    for a, b in zip(poses.of_views, again.of_views, strict=True):
         assert torch.equal(a, b)
 
 
@@ -164,7 +164,7 @@ LEARNING = AdaAnchor4DSettings(
     voxel_px=1.5,
     refine_poses=True,
     rates=replace(PRESETS["quick"].rates, poses=Decay(4e-3, 4e-4)),
-    densification=Densification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
+    densification=AnchorDensification(statistics_from=2, start=10, interval=10, until=30, voxel_factor=4),
 )
 
 

@@ -13,10 +13,10 @@ from aa4d.anchors.canonical import Anchors
 from aa4d.anchors.densification import Statistics
 from aa4d.field.planes import regularisation
 from aa4d.methods.adaanchor4d import files
-from aa4d.methods.adaanchor4d.growth import grow_and_prune
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D, blank_model, embeddings_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.adaanchor4d.warping import density_adaptive_boundaries
+from aa4d.methods.anchor_growth import grow_and_prune
 from aa4d.methods.anchor_model import initial_places, loss_with_volume
 from aa4d.methods.contract import Beginning, Method, Stage, UnitEdit
 from aa4d.methods.rendering import Rendered

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from aa4d.methods.settings import AnchorSettings, CommonRates, Decay, DensitySchedule
-from aa4d.settings.allowed import Count, NameIn, NotNegative, Positive, Range, Share, Width
+from aa4d.methods.settings import AnchorDensification, AnchorSettings, CommonRates, Decay
+from aa4d.settings.allowed import NameIn, NotNegative, Range, Share, Width
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,18 +23,6 @@ class LearningRates(CommonRates):
     decoder_opacity: Decay = Decay(0.002, 2e-5)  # [Scaffold-GS]
     decoder_color: Decay = Decay(0.008, 5e-5)  # [Scaffold-GS]
     decoder_covariance: Decay = Decay(0.004, 0.004)  # [Scaffold-GS]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Densification(DensitySchedule):
-    """Growing and pruning of anchors, all [Scaffold-GS], their schedule too, unless marked."""
-
-    gradient_threshold: Positive = 2e-4  # of the screen-space gradient, normalised device units
-    seen_share: Share = 0.8  # of an interval's iterations, before a statistic counts
-    min_opacity: Share = 0.005  # mean sum over an anchor's Gaussians, below which it is pruned
-    levels: Annotated[int, Range(1, 8)] = 3  # of voxels that anchors grow into
-    voxel_factor: Annotated[int, Range(1, 4096)] = 16  # edge of the coarsest voxels, in finest ones; then quarters
-    max_anchors: Count = 200_000  # [chosen] a bound on memory
 
 
 @dataclass(frozen=True)
@@ -88,7 +76,7 @@ class AdaAnchor4DSettings(AnchorSettings):
 
     embedding_std: NotNegative = 0.01  # [swept] of the embeddings at the start; 1 costs half a decibel
     rates: LearningRates = field(default_factory=LearningRates)
-    densification: Densification = field(default_factory=Densification)
+    densification: AnchorDensification = field(default_factory=AnchorDensification)
     warp: WarpSettings = field(default_factory=WarpSettings)
     loss: LossWeights = field(default_factory=LossWeights)
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -107,7 +95,7 @@ PRESETS = {
             position=Decay(2e-4, 2e-5),
             embedding=Decay(0.01, 0.001),
         ),
-        densification=Densification(statistics_from=100, start=300, until=1800, voxel_factor=4),
+        densification=AnchorDensification(statistics_from=100, start=300, until=1800, voxel_factor=4),
     ),
     "standard": AdaAnchor4DSettings(
         preset="standard",
@@ -120,7 +108,7 @@ PRESETS = {
             position=Decay(1.8e-4, 1.8e-5),
             embedding=Decay(0.0085, 8.5e-4),
         ),
-        densification=Densification(statistics_from=200, start=600, until=6000, voxel_factor=8),
+        densification=AnchorDensification(statistics_from=200, start=600, until=6000, voxel_factor=8),
     ),
     "paper": AdaAnchor4DSettings(preset="paper", coarse_iterations=3000, fine_iterations=30000),  # [paper]
 }

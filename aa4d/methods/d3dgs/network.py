@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from aa4d.field.encoding import encoded
 from aa4d.methods.d3dgs.settings import ModelConfig
 
 # Gaussians that go through the layers together: what they leave behind in one layer is near when the next asks for it.
@@ -51,11 +52,3 @@ class DeformationNetwork(nn.Module):
         for_place, for_time, for_h = layer.weight.split([self.place_inputs, self.time_inputs, h.shape[1]], dim=1)
         out = F.linear(place, for_place, layer.bias + for_time @ time)
         return torch.addmm(out, h, for_h.T) if h.shape[1] else out
-
-
-def encoded(x: Tensor, frequencies: int) -> Tensor:
-    """x [N, D] -> x, sin x, cos x, sin 2x, cos 2x, sin 4x, ...: [N, D (1 + 2 frequencies)]."""
-    values = [x]
-    for k in range(frequencies):
-        values += [torch.sin(2**k * x), torch.cos(2**k * x)]
-    return torch.cat(values, dim=1)

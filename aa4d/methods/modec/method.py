@@ -13,7 +13,7 @@ from aa4d.anchors.densification import Statistics
 from aa4d.errors import InputError
 from aa4d.field.planes import regularisation
 from aa4d.kernels.image_loss import image_loss
-from aa4d.methods.adaanchor4d.growth import grow_and_prune
+from aa4d.methods.anchor_growth import grow_and_prune
 from aa4d.methods.anchor_model import initial_places
 from aa4d.methods.contract import Beginning, Method, Stage, UnitEdit
 from aa4d.methods.modec.model import Config, Modec, blank_model

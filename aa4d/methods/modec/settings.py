@@ -12,8 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal
 
-from aa4d.methods.adaanchor4d.settings import Densification
-from aa4d.methods.settings import CommonRates, Decay, RunSettings
+from aa4d.methods.settings import AnchorDensification, CommonRates, Decay, RunSettings
 from aa4d.settings.allowed import Count, NotNegative, Pixels, Positive, Range, Share, Width
 
 
@@ -33,7 +32,7 @@ class Rates(CommonRates):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Growth(Densification):
+class Growth(AnchorDensification):
     """Growing and pruning of anchors, all [Scaffold-GS] unless marked; thresholds as of steps with one view."""
 
     gradient_threshold: Positive = 8e-4  # [MoDec-GS base, split-cookie] of the screen-space gradient

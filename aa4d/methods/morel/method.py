@@ -15,11 +15,11 @@ import torch
 from torch import Tensor
 
 from aa4d.anchors.canonical import Anchors
-from aa4d.anchors.densification import Statistics, grow, transparent
+from aa4d.anchors.densification import Statistics
 from aa4d.errors import InputError
 from aa4d.field.planes import regularisation
 from aa4d.kernels.image_loss import image_loss
-from aa4d.methods.adaanchor4d.growth import edit_of
+from aa4d.methods.anchor_growth import centers_of, edit_of, judge
 from aa4d.methods.anchor_model import initial_places
 from aa4d.methods.contract import Beginning, Method, Stage, UnitEdit
 from aa4d.methods.morel.levels import growth_weight, levels_of
@@ -107,27 +107,18 @@ class MoRelMethod(Method[MoRelSettings]):
         assert isinstance(model, MoRel)
         d, anchors, voxel = settings.densification, model.anchors, settings.voxel_px * pixel
         apart = model.phase != Phase.GLOBAL
-        seen = d.interval * d.seen_share / (model.keys if apart else 1)
-        keep = ~transparent(statistics, min_opacity=d.min_opacity, min_seen=seen)
-        judged = statistics
-        if apart:
-            delay = growth_weight(model.level, d.delayed, model.progress)
-            judged = replace(statistics, gradient=statistics.gradient * delay[:, None])
-        growth = grow(
+        keep, growth = judge(
+            d,
+            statistics,
             anchors.position,
-            anchors.position[:, None] + anchors.offset * anchors.log_scale[:, None, :3].exp(),
-            judged,
+            centers_of(anchors),
             voxel=voxel,
-            voxel_factor=d.voxel_factor,
-            levels=d.levels,
-            gradient_threshold=d.gradient_threshold,
-            min_drawn=0.5 * seen,
-            limit=max(d.max_anchors - len(model), 0),
             generator=generator,
+            seen=d.interval * d.seen_share / (model.keys if apart else 1),
+            weight=growth_weight(model.level, d.delayed, model.progress) if apart else None,
             group=model.key if apart else None,
             group_voxel=voxel,
         )
-        statistics.forget_judged(min_seen=seen, min_drawn=0.5 * seen)
         return edit_of(anchors, keep, growth)
 
     def header(self, model: SceneModel) -> dict[str, Any]:

@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from aa4d.methods.adaanchor4d.settings import Densification as AnchorDensification
-from aa4d.methods.settings import CommonRates, Decay, RunSettings
+from aa4d.methods.settings import AnchorDensification, CommonRates, Decay, RunSettings
 from aa4d.settings.allowed import Count, NotNegative, Pixels, Positive, Range, Share, Width
 
 MOST_KEYS = 64

@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from aa4d.methods.adaanchor4d.settings import Densification
-from aa4d.methods.settings import CommonRates, Decay, RunSettings
+from aa4d.methods.settings import AnchorDensification, CommonRates, Decay, RunSettings
 from aa4d.settings.allowed import NotNegative, Pixels, Positive, Range, Share, Width
 
 
@@ -26,7 +25,7 @@ class Rates(CommonRates):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Growth(Densification):
+class Growth(AnchorDensification):
     """Growing and pruning of anchors in space and time, all [4D-SFGS], that is Scaffold-GS's, unless marked."""
 
     cell_frames: Positive = 1.0  # [4D-SFGS] duration of a voxel, in frames

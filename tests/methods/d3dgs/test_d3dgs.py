@@ -8,10 +8,11 @@ import torch
 from torch import nn
 
 from aa4d.anchors.densification import Statistics
+from aa4d.field.encoding import encoded
 from aa4d.methods.contract import Look
 from aa4d.methods.d3dgs.method import METHOD
 from aa4d.methods.d3dgs.model import D3DGS
-from aa4d.methods.d3dgs.network import ROWS, DeformationNetwork, encoded
+from aa4d.methods.d3dgs.network import ROWS, DeformationNetwork
 from aa4d.methods.d3dgs.settings import PRESETS, D3DGSSettings, ModelConfig
 from aa4d.methods.gaussians.model import blank_rows
 from aa4d.training.optimiser import edit_units, make_optimiser

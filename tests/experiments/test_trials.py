@@ -15,11 +15,15 @@ import pytest
 
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
-from aa4d.experiments.runner import Outcome, Watcher, run_experiment, trials_of
+from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.tables import write_tables
-from aa4d.experiments.trial import Row, Trial, finished_row, run_trial
+from aa4d.experiments.trials import Outcome, Trial, run_experiment, task_of, trials_of
 from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
 from aa4d.files import write_json
+from aa4d.graph.engines import Means, engine_of
+from aa4d.graph.events import Event, Failed, Finished
+from aa4d.graph.store import Store
+from aa4d.graph.work import Job, perform
 from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
@@ -39,23 +43,20 @@ class Quiet:
         self.finished = 0
         self.ended: list[str] = []
 
-    def start(self, trials: int, finished: int, iterations: int) -> None:  # noqa: ARG002
-        self.finished = finished
-
-    def trial_started(self, name: str) -> None: ...
-
-    def trial_at(self, name: str, iterations: int) -> None: ...
-
-    def trial_ended(self, name: str, sentence: str) -> None:
-        self.ended.append(f"{name}: {sentence}")
+    def __call__(self, event: Event) -> None:
+        if isinstance(event, Finished) and event.before:
+            self.finished += 1
+        elif isinstance(event, Finished | Failed):
+            self.ended.append(event.task.name)
 
 
-def run_all(experiment: Experiment, trials: list[Trial], out: Path, jobs: int, watcher: Watcher) -> list[Row]:
+def run_all(experiment: Experiment, trials: list[Trial], out: Path, jobs: int, watcher: Quiet) -> list[Row]:
     def write(outcome: Outcome) -> None:
         if outcome.rows:
             write_tables(experiment, outcome.rows, out)
 
-    return run_experiment(experiment, trials, out, jobs, watcher, write).checked()
+    engine = engine_of("processes", Means(jobs))
+    return run_experiment(experiment, trials, out, engine, lambda _: watcher, write).checked()
 
 
 def test_trials_run_once_side_by_side_and_their_rows_stay(toy_capture: Path, tmp_path: Path) -> None:
@@ -82,6 +83,11 @@ def test_a_capture_of_that_name_that_is_another_is_refused_and_more_seeds_are_ad
     rows = run_all(one, trials_of(one, [toy_capture], out, TINY, 2), out, 1, Quiet())
     assert [row["seed"] for row in rows] == [0, 1]
     index = json.loads((out / "experiment.json").read_text())
+    assert index["training"].pop("exposure") is False, "as a version wrote it that knew no such setting"
+    assert index["training"]["rates"].pop("exposures")
+    (out / "experiment.json").write_text(json.dumps(index))
+    run_all(one, trials_of(one, [toy_capture], out, TINY, 1), out, 1, Quiet())
+    index = json.loads((out / "experiment.json").read_text())
     assert (index["seeds"], index["training"]["fine_iterations"], list(index["captures"])) == ([0, 1], 4, ["capture"])
     with pytest.raises(InputError, match=r"holds runs with another training\.fine_iterations: 4 there, 5 asked for"):
         run_all(one, trials_of(one, [toy_capture], out, replace(TINY, fine_iterations=5), 1), out, 1, Quiet())
@@ -93,15 +99,26 @@ def test_a_capture_of_that_name_that_is_another_is_refused_and_more_seeds_are_ad
 
 def test_a_row_of_another_version_is_measured_again(toy_capture: Path, tmp_path: Path) -> None:
     out, one = tmp_path / "one", Experiment("one", "One", (Variant("good"),))
-    trials = trials_of(one, [toy_capture], out, TINY, 1)
-    capture = read_capture(toy_capture)
-    assert finished_row(trials[0], capture) is None
-    row = run_trial(trials[0], lambda _: None)
-    assert finished_row(trials[0], capture) == row
+    trial = trials_of(one, [toy_capture], out, TINY, 1)[0]
+    store, task = Store(out), task_of(trial, read_capture(toy_capture), out)
+    assert store.kept(task, {}) is None
+    done = perform(Job(out, task, {}, {}), lambda _: None)
+    assert store.kept(task, {}) == done
+    row = done.result
     of_old = {key: value for key, value in row.items() if key not in ("run", "version")}
     for kept, is_known in ((row | {"version": "0.0.1"}, False), (row | {"run": "0"}, False), (of_old, True)):
-        write_json(trials[0].out / "trial.json", kept)
-        assert (finished_row(trials[0], capture) is not None) == is_known
+        write_json(trial.out / "trial.json", kept)
+        assert (store.kept(task, {}) is not None) == is_known
+
+
+def test_what_a_trial_leaves_is_an_ordinary_run_and_its_row(toy_capture: Path, tmp_path: Path) -> None:
+    one = Experiment("one", "One", (Variant("good"),))
+    run_all(one, trials_of(one, [toy_capture], tmp_path / "x", TINY, 1), tmp_path / "x", 1, Quiet())
+    left = {path.name for path in (tmp_path / "x/capture/good/seed0").iterdir()} - {".lock"}
+    assert left == {
+        *("checkpoint.safetensors", "coarse.safetensors", "config.json", "eval", "history.csv", "metrics.json"),
+        *("model.safetensors", "settings.toml", "trial.json"),
+    }
 
 
 def test_a_trial_that_fails_does_not_stop_the_others(toy_capture: Path, tmp_path: Path) -> None:
@@ -178,7 +195,7 @@ def test_a_stopped_or_killed_sweep_leaves_no_process_and_continues(
     _, said = process.communicate(timeout=60)
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert re.search(r"0 of 3 runs are done, and the same command continues", said)
+        assert re.search(r"0 of 3 tasks are done, and the same command continues", said)
         assert (out / "capture/1.5-bins/seed0/model.safetensors").exists()
     # The lock of a run is free once its process is gone; else the same command would be refused.
     result = subprocess.run(
@@ -192,15 +209,3 @@ def test_a_stopped_or_killed_sweep_leaves_no_process_and_continues(
     assert result.returncode == 0, result.stderr
     assert (out / "table.md").read_text().count("±") == 0
     assert len((out / "table.md").read_text().splitlines()) == 7
-
-
-def test_a_trial_whose_starter_was_killed_before_it_began_ends(tmp_path: Path) -> None:
-    program = """
-import multiprocessing, time, types
-from aa4d.experiments import trial
-multiprocessing.parent_process = lambda: types.SimpleNamespace(pid=1)  # not the parent any more
-trial.run_trial = lambda *_: time.sleep(300)
-trial.trial_process(types.SimpleNamespace(out="run"), None, types.SimpleNamespace(send=print))
-"""
-    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, timeout=120, check=False)
-    assert ended.returncode == 1

@@ -1,0 +1,92 @@
+"""A trial: a variant trained on a capture with a seed, and scored. An ordinary run folder, and its row of a table."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aa4d import __version__
+from aa4d.errors import InputError
+from aa4d.experiments.kinds.evaluate import Row, numbers
+from aa4d.experiments.kinds.train import fit
+from aa4d.files import read_json_object, write_json
+from aa4d.graph.call import Call
+from aa4d.graph.kinds import Kept, Kind
+from aa4d.graph.task import Task, location
+from aa4d.identity import digest_of
+from aa4d.methods.settings import RunSettings
+from aa4d.training.run_folder import check_folder, run_identity
+
+RESULT = "trial.json"
+TEXTS = ("capture", "variant", "run", "version")  # of a row; all else in it is a number
+
+
+@dataclass(frozen=True)
+class TrialRun:
+    """What tells one trial from another is the identity of its run."""
+
+    run: str  # digest of that identity
+    label: str
+    seed: int
+    capture: Path = location()
+    settings: RunSettings = location()
+    description: dict[str, Any] = location()  # `config.json` of the run
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """The run and the version that a row was measured with."""
+        return {"run": self.run, "version": __version__}
+
+    @property
+    def named(self) -> Row:
+        return {"capture": self.capture.name, "variant": self.label, "seed": self.seed}
+
+    @staticmethod
+    def of(label: str, capture: Path, settings: RunSettings, description: dict[str, Any]) -> TrialRun:
+        run = run_identity(description).digest()
+        return TrialRun(run, label, settings.seed, capture, settings, description)
+
+
+def run(call: Call) -> dict[str, Any]:
+    """The row. Raises what training and evaluation raise."""
+    from aa4d.capture.reader import read_capture
+    from aa4d.evaluation.evaluate import evaluate
+
+    trial: TrialRun = call.task.settings
+    fit(call, read_capture(trial.capture), trial.settings)
+    metrics = evaluate(call.folder, trial.capture, lambda *_: None).as_json()
+    row = trial.named | numbers(metrics) | trial.made_by
+    write_json(call.folder / RESULT, row)
+    return row
+
+
+def kept(task: Task, folder: Path) -> Kept | None:
+    """The row of a trial that has been run; None where it has not, or its row is damaged or another version's.
+
+    Raises:
+        InputError: the folder holds a run of another capture or with other settings.
+    """
+    trial: TrialRun = task.settings
+    check_folder(folder, trial.description)
+    try:
+        row = read_json_object(folder / RESULT, "the result of a trial")
+    except InputError:
+        return None
+    # A row of an older version says neither: its run's settings have just been compared.
+    if any(row.get(key, value) != value for key, value in trial.made_by.items()):
+        return None
+    if not _is_whole(row, trial):
+        return None
+    return Kept(row, row.get("training_seconds"), digest_of(row))
+
+
+def _is_whole(row: Row, trial: TrialRun) -> bool:
+    """Whether a row that was read is one of this trial: what stands in none is measured again."""
+    values = [value for key, value in row.items() if key not in TEXTS]
+    are_numbers = all(isinstance(value, int | float) and abs(value) <= sys.float_info.max for value in values)
+    return are_numbers and "psnr" in row and trial.named.items() <= row.items()
+
+
+KIND = Kind(run, version=__version__, kept=kept)
