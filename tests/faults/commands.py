@@ -34,6 +34,7 @@ class Command:
     line: tuple[str, ...]
     has_run: bool = False  # {disk}/run is there beforehand
     program: tuple[str, ...] = ()  # instead of `aa4d`
+    only_killed: bool = False  # what it writes is written by Blender itself, which says nothing of a full disk
     scratch_elsewhere: bool = False  # it refuses to begin where scratch files have little room
 
     def argv(self, inputs: Path, disk: Path) -> list[str]:
@@ -74,7 +75,7 @@ COMMANDS = (
                       "{disk}/flyover.blend", "--render", "{disk}/flyover.png"),
             program=(sys.executable, str(ROOT / "addon/make_flyover_blend.py")), scratch_elsewhere=True),
     *(Command(f"extension-{what}", ("{inputs}/model.safetensors", "{inputs}/adaanchor4d.zip", "{disk}", what),
-              program=(sys.executable, str(BLENDER))) for what in ("bake", "ply", "usd")),
+              program=(sys.executable, str(BLENDER)), only_killed=what == "bake") for what in ("bake", "ply", "usd")),
 )  # fmt: skip
 BY_NAME = {command.name: command for command in COMMANDS}
 

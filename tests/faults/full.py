@@ -136,7 +136,7 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory(prefix="aa4d-faults-") as folder:
         inputs = given.inputs or Path(folder, "inputs")
-        wanted = commands.chosen(given.commands)
+        wanted = [command for command in commands.chosen(given.commands) if not command.only_killed]
         in_own_process(lambda: commands.make_inputs(wanted, inputs))
         import_all()
         for command in wanted:
