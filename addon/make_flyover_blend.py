@@ -173,7 +173,11 @@ def whole(path: Path, ending: bytes) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.stem}.part{path.suffix}")  # what a killed process left is written over
     try:
-        yield partial
+        try:
+            yield partial
+        except RuntimeError as error:
+            reason = " ".join(str(error).split()).removeprefix("Error: ")
+            raise OSError(f"{path}: could not be written ({reason}); free some space and run again") from None
         if not partial.is_file() or not partial.read_bytes().endswith(ending):
             raise OSError(f"{path}: could not be written whole; free some space and run the same command again")
         os.replace(partial, path)
