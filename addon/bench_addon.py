@@ -2,7 +2,7 @@
 
 Models are random, of the sizes that `aa4d train` writes by default. Each measurement is the best of several: other
 programs only ever make it slower, and change the time of the processor least. `--model` adds what cheaper evaluations
-of a trained model cost in accuracy.
+of a trained model cost in accuracy; `--pictures` its renders against those of `aa4d render`, PNGs of the same names.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import struct
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -141,8 +141,8 @@ def measure(module: str, model_path: Path, carrier: str, folder: Path) -> dict[s
     """One row of the table."""
     import bpy
 
-    field, carriers, playback, points = (
-        importlib.import_module(f"{module}.{name}") for name in ("field", "carriers", "playback", "points")
+    field, carriers, playback, points, knots = (
+        importlib.import_module(f"{module}.{name}") for name in ("field", "carriers", "playback", "points", "knots")
     )
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     playback._load.cache_clear()
@@ -180,6 +180,13 @@ def measure(module: str, model_path: Path, carrier: str, folder: Path) -> dict[s
         "live_ms": best_ms(play_anew),
         "live_processor_ms": best_ms(play_anew, clock=time.process_time),
     }
+    known = knots.Knots(knots.MOST_INTERVALS)
+    for name, quick in (("exact", None), ("playing", known)):  # the evaluation alone, at times between two knots
+
+        def evaluate(number: int, quick: Any = quick) -> Any:
+            return carriers.evaluate(prepared, carrier, 0.51 + 0.001 * number, center, wanted, quick)
+
+        row[f"{name}_processor_ms"] = best_ms(evaluate, clock=time.process_time)
     for frame in range(FRAMES):
         play(frame)
     row["live_again_ms"] = best_ms(play, 2 * FRAMES)
@@ -210,21 +217,23 @@ def measure(module: str, model_path: Path, carrier: str, folder: Path) -> dict[s
 
 def accuracy(module: str, model_path: Path) -> list[dict[str, Any]]:
     """Bakes of a trained model with fewer or coarser keys against the exact evaluation, at every quarter of a frame."""
-    field, carriers, names, model = (
-        importlib.import_module(f"{module}.{name}") for name in ("field", "carriers", "names", "model")
+    field, carriers, names, model, knots = (
+        importlib.import_module(f"{module}.{name}") for name in ("field", "carriers", "names", "model", "knots")
     )
     prepared = field.prepare(model.read_model(model_path))
     frames = prepared.model.frame_count
     center = prepared.model.camera_center_at(0.5)
 
-    def evaluate(rank: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        values = carriers.evaluate(prepared, names.ANCHORS, prepared.model.time_of_rank(rank), center, ())
+    def evaluate(rank: float, known: Any = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        values = carriers.evaluate(prepared, names.ANCHORS, prepared.model.time_of_rank(rank), center, (), known)
         return values[names.POSITION], values[names.COLOR][:, :3], values[names.OPACITY]
 
     ranks = np.arange(4 * (frames - 1) + 1) / 4
     exact = {rank: evaluate(rank) for rank in ranks}
     seconds = best_ms(lambda n: evaluate(n + 0.1)) / 1000
-    rows = []
+    known = knots.of_clip(frames)
+    played = {rank: evaluate(rank, known) for rank in ranks}
+    rows = [_errors("live, while the timeline plays", 1 + (known.intervals if known else 0), exact, played)]
     for label, step, half in (
         ("keys every half frame", 0.5, False),
         ("keys every frame", 1, False),
@@ -236,27 +245,92 @@ def accuracy(module: str, model_path: Path) -> list[dict[str, Any]]:
         spacing = (frames - 1) / (count - 1)
         keys = [evaluate(number * spacing) for number in range(count)]
         places = [key[0].astype(np.float16).astype(np.float32) if half else key[0] for key in keys]
-        place_errors, color_errors = [], []
+        between = {}
         for rank in ranks:
             low = min(int(rank / spacing), count - 2)
             share = rank / spacing - low
-            seen = exact[rank][2] >= 0.05
             place = (1 - share) * places[low] + share * places[low + 1]
-            color = (1 - share) * keys[low][1] + share * keys[low + 1][1]
-            place_errors.append(np.linalg.norm(place - exact[rank][0], axis=1)[seen])
-            color_errors.append(np.abs(color - exact[rank][1]).max(axis=1)[seen])
-        place_error, color_error = np.concatenate(place_errors), np.concatenate(color_errors)
-        rows.append(
-            {
-                "what": label,
-                "keys": count,
-                "bake_s": count * seconds,
-                "mean_mm": 1000 * float(place_error.mean()),
-                "p99_mm": 1000 * float(np.percentile(place_error, 99)),
-                "color_p99_of_255": 255 * float(np.percentile(color_error, 99)),
-                "bytes_a_point_and_frame": count / frames * (14 if half else 20),
-            }
+            between[rank] = place, (1 - share) * keys[low][1] + share * keys[low + 1][1]
+        row = _errors(label, count, exact, between)
+        rows.append(row | {"bake_s": count * seconds, "bytes_a_point_and_frame": count / frames * (14 if half else 20)})
+    rows[0] |= {"bake_s": 0.0, "bytes_a_point_and_frame": 0.0}
+    return rows
+
+
+def _errors(
+    label: str, keys: int, exact: Mapping[Any, tuple[Any, ...]], other: Mapping[Any, tuple[Any, ...]]
+) -> dict[str, Any]:
+    """How far places and colours of visible points are from the exact ones, over all ranks."""
+    seen = {rank: values[2] >= 0.05 for rank, values in exact.items()}
+    place = np.concatenate([np.linalg.norm(other[r][0] - exact[r][0], axis=1)[seen[r]] for r in exact])
+    color = np.concatenate([np.abs(other[r][1] - exact[r][1]).max(axis=1)[seen[r]] for r in exact])
+    return {
+        "what": label,
+        "keys": keys,
+        "mean_mm": 1000 * float(place.mean()),
+        "p99_mm": 1000 * float(np.percentile(place, 99)),
+        "color_p99_of_255": 255 * float(np.percentile(color, 99)),
+    }
+
+
+def pictures(module: str, model_path: Path, folder: Path, samples: int, scratch: Path) -> list[dict[str, Any]]:
+    """Renders of the local Gaussians, with and without the trained picture, against the PNGs of `aa4d render`."""
+    import bpy
+
+    look_nodes, materials, playback = (
+        importlib.import_module(f"{module}.{name}") for name in ("look_nodes", "materials", "playback")
+    )
+
+    def read(path: Path) -> np.ndarray:
+        image = bpy.data.images.load(str(path))
+        image.colorspace_settings.name = "Non-Color"
+        pixels = np.array(image.pixels[:], np.float32).reshape(-1, image.channels)[:, :3]
+        bpy.data.images.remove(image)
+        return pixels
+
+    rows = []
+    for look in (materials.GAUSSIANS, materials.SPLATS):
+        if look not in look_nodes.LOOKS:
+            continue
+        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+        bpy.ops.aa4d.import_model(
+            filepath=str(model_path.resolve()),
+            carrier="GAUSSIANS",
+            look=look,
+            set_up_scene=True,
+            background_frames=False,
+            vehicles=False,
         )
+        scene = bpy.context.scene
+        clip = playback.loaded_of(bpy.context.active_object).source.clip
+        scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = samples, False, 0
+        scene.cycles.use_adaptive_sampling = False
+        for trained in (False, True):
+            bpy.ops.aa4d.trained_picture(use=trained)
+            decibels, seconds = [], []
+            for rank, image in enumerate(clip.images):
+                target = folder / f"{Path(image).stem}.png"
+                if not target.is_file():
+                    continue
+                scene.frame_set(1 + rank)
+                scene.render.filepath = str(scratch / "picture.png")
+                start = time.process_time()
+                bpy.ops.render.render(write_still=True)
+                seconds.append(time.process_time() - start)
+                error = np.mean((read(Path(scene.render.filepath)) - read(target)) ** 2)
+                decibels.append(-10 * float(np.log10(error)))
+            if not decibels:
+                raise SystemExit(f"{folder} has no picture of a frame of {model_path.name}, such as {target.name}")
+            rows.append(
+                {
+                    "look": look,
+                    "trained_picture": trained,
+                    "samples": samples,
+                    "frames": len(decibels),
+                    "db": float(np.mean(decibels)),
+                    "processor_s": float(np.mean(seconds)),
+                }
+            )
     return rows
 
 
@@ -274,7 +348,9 @@ def main() -> int:
     parser.add_argument("--extension", type=Path, required=True, help="the zip that build_extension.py wrote")
     parser.add_argument("--json", type=Path, required=True, help="where to write the rows")
     parser.add_argument("--model", type=Path, help="a trained model, for accuracy against time")
-    parser.add_argument("--anchors", type=int, nargs="+", default=ANCHORS, help="how many anchors the models have")
+    parser.add_argument("--pictures", type=Path, help="a folder of PNGs that aa4d render wrote of this model")
+    parser.add_argument("--samples", type=int, default=64, help="of these renders, for each pixel")
+    parser.add_argument("--anchors", type=int, nargs="*", default=ANCHORS, help="how many anchors the models have")
     options = parser.parse_args()
     result: dict[str, Any] = {"load_before": os.getloadavg(), "cpus": os.cpu_count(), "rows": []}
     with tempfile.TemporaryDirectory() as scratch, extension(options.extension) as module:
@@ -289,6 +365,9 @@ def main() -> int:
                 result["rows"].append(measure(module, path, carrier, Path(scratch)))
         if options.model is not None:
             result["accuracy"] = accuracy(module, options.model)
+            if options.pictures is not None:
+                folder = options.pictures
+                result["pictures"] = pictures(module, options.model, folder, options.samples, Path(scratch))
     options.json.parent.mkdir(parents=True, exist_ok=True)
     partial = options.json.with_name(f".{options.json.name}.part")
     try:
@@ -296,10 +375,10 @@ def main() -> int:
         os.replace(partial, options.json)
     finally:
         partial.unlink(missing_ok=True)
-    print(table(result["rows"]))
-    if "accuracy" in result:
-        print(f"\n{table(result['accuracy'])}")
-    print(f"\nBlender {result['blender']}, {os.cpu_count()} CPUs, load before {result['load_before'][0]:.1f}")
+    for rows in (result["rows"], result.get("accuracy"), result.get("pictures")):
+        if rows:
+            print(f"{table(rows)}\n")
+    print(f"Blender {result['blender']}, {os.cpu_count()} CPUs, load before {result['load_before'][0]:.1f}")
     print(f"Rows: {options.json}")
     return 0
 

@@ -23,6 +23,7 @@ from .field import (
     presence,
     to_world,
 )
+from .knots import Knots
 from .model import Doubles
 
 # How many standard deviations of its Gaussians an anchor's point reaches: fewer leave gaps, more hide small neighbours.
@@ -37,17 +38,24 @@ def points_per_anchor(field: Field, carrier: str) -> int:
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is found below
 def evaluate(
-    field: Field, carrier: str, t: float, camera_center: Doubles, wanted: Collection[names.Attribute]
+    field: Field,
+    carrier: str,
+    t: float,
+    camera_center: Doubles,
+    wanted: Collection[names.Attribute],
+    knots: Knots | None = None,
 ) -> dict[names.Attribute, Floats]:
     """The attributes of the carrier at time t, one row a point, as a camera at `camera_center` [3] (metres) sees them.
 
-    Of `names.SHAPE` and `names.INSPECTION` what is wanted; the others always.
+    Of `names.SHAPE` and `names.INSPECTION` what is wanted; the others always. `knots` make it quicker and less exact.
 
     Raises:
         ModelFileError: the model's numbers overflow there.
     """
     shape = names.SCALE in wanted
-    state = anchor_state(field, t, offsets=carrier == names.GAUSSIANS)
+    offsets = carrier == names.GAUSSIANS
+    mixed = None if knots is None else knots.at(field, t, offsets=offsets)
+    state = anchor_state(field, t, offsets=offsets, mixed=mixed)
     if carrier == names.ANCHORS:
         values = _anchors(field, state, camera_center, shape=shape)
     else:
@@ -147,13 +155,12 @@ def _inspect(
 def mean_speed(clip: Clip, t: float, positions_at: Callable[[float], Floats]) -> Floats:
     """The mean speed [n] over the frame around t, a second, in the unit of the positions [n, 3]; zero in a clip of one
     frame."""
-    last = clip.frame_count - 1
+    last = len(clip.ranks) - 1
     if last == 0:
         return np.zeros(len(positions_at(t)), np.float32)
     before, after = max(t - SPEED_STEP / last, 0.0), min(t + SPEED_STEP / last, 1.0)
     way = positions_at(after) - positions_at(before)
-    seconds = (after - before) * last / clip.fps
-    return np.float32(1 / seconds) * np.linalg.norm(way, axis=1)
+    return np.float32(1 / clip.seconds_between(before, after)) * np.linalg.norm(way, axis=1)
 
 
 def linear_rgba(srgb: Floats) -> Floats:

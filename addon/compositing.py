@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from . import look_nodes, materials, modifiers, names, parts, points
+from . import look_nodes, materials, modifiers, names, parts, points, trained_picture
 from .container import Floats
 from .model import Doubles
 from .scene import use_cycles
@@ -62,6 +62,7 @@ def fit_ground(positions: Floats) -> Ground:
 def set_up(context: bpy.types.Context, obj: bpy.types.Object, mode: str, *, sun: bool, passes: bool) -> None:
     """Set scene, objects of the import and passes up; what an earlier call made is made anew."""
     scene, together = context.scene, parts.parts(obj)
+    trained_picture.turn(scene, False)  # light adds up linearly
     obj = together[0]
     opacity = points.read(obj.data, names.OPACITY.name)
     positions = points.read(obj.data, names.POSITION.name)

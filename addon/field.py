@@ -8,6 +8,7 @@ axis: sums over planes then run along memory.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +66,19 @@ class Field:
     weights: TimeNetwork | None  # Phi_w, the scores of ACFA; None where the planes are not weighted
     offset: TimeNetwork | None  # Phi_o of DLGD; None when DLGD is off
     scale: TimeNetwork | None  # Phi_s of DLGD
+
+
+class Mixed(Protocol):
+    """The networks of time at one time, ready made (`knots`); None of what is to be asked of the network itself."""
+
+    def shares_of(self, part: slice) -> Floats | None:
+        """The shares of the planes [6, n, C] of a slice of the anchors."""
+
+    def offset_of(self, part: slice) -> Floats | None:
+        """Phi_o [n, 3 K]."""
+
+    def scale_of(self, part: slice) -> Floats | None:
+        """Phi_s [n, 6]."""
 
 
 @dataclass(frozen=True)
@@ -130,15 +144,16 @@ def prepare(model: Model) -> Field:
     )
 
 
-def anchor_state(field: Field, t: float, *, offsets: bool = True) -> AnchorState:
+def anchor_state(field: Field, t: float, *, offsets: bool = True, mixed: Mixed | None = None) -> AnchorState:
     """The anchors at any real time t (steps 1 to 5); outside [0, 1] the planes hold their border's value.
 
-    Without `offsets` those stay canonical: who shows anchors alone does not need them.
+    Without `offsets` those stay canonical: who shows anchors alone does not need them. `mixed` stands for the networks
+    of time.
     """
     model = field.model
     names = ("position", "feature", "offset", "log_scale")
     positions, features, spread, log_scales = (model.tensors[f"anchors.{name}"] for name in names)
-    encoded = _Encoded(field, t) if field.levels else None
+    encoded = _Encoded(field, t, mixed) if field.levels else None
     if encoded is not None:
         positions, features = positions.copy(), features.copy()
         hidden = _joined(model, ("head_position.hidden", "head_feature.hidden"))
@@ -152,9 +167,11 @@ def anchor_state(field: Field, t: float, *, offsets: bool = True) -> AnchorState
             positions[part] += _output(both[:, :width], *_layer(model, "head_position.output"))
             features[part] += _output(both[:, width:], *_layer(model, "head_feature.output"))
         if field.offset is not None and offsets:
-            spread[part] += field.offset(t, part).reshape(-1, *spread.shape[1:])
+            added = None if mixed is None else mixed.offset_of(part)
+            spread[part] += (field.offset(t, part) if added is None else added).reshape(-1, *spread.shape[1:])
         if field.scale is not None:
-            log_scales[part] += field.scale(t, part)
+            added = None if mixed is None else mixed.scale_of(part)
+            log_scales[part] += field.scale(t, part) if added is None else added
 
         np.exp(log_scales[part], out=scales[part])
 
@@ -383,8 +400,8 @@ def _odds(network: TimeNetwork, t: float, part: slice) -> tuple[Floats, Floats]:
 class _Encoded:
     """Steps 1 to 3 and the encoder of step 4 at one time."""
 
-    def __init__(self, field: Field, t: float) -> None:
-        self.field, self.t = field, t
+    def __init__(self, field: Field, t: float, mixed: Mixed | None = None) -> None:
+        self.field, self.t, self.mixed = field, t, mixed
         self.rows = []  # of each level's temporal planes: the row at t, and the way from each texel to the next
         for level in field.levels:
             rows = [_row_at(plane.rows, t) for plane in level.temporal]
@@ -397,7 +414,9 @@ class _Encoded:
     def _aggregate(self, part: slice) -> Floats:
         """The six planes' features as one, levels concatenated: [n, L * C]."""
         field = self.field
-        odds, total = (None, None) if field.weights is None else _odds(field.weights, self.t, part)
+        odds, total = (None if self.mixed is None else self.mixed.shares_of(part)), None
+        if odds is None and field.weights is not None:
+            odds, total = _odds(field.weights, self.t, part)
         features = []
         for level, rows in zip(field.levels, self.rows, strict=True):
             planes = list(level.spatial[:, part])

@@ -22,6 +22,7 @@ from . import (
     points,
     properties,
     time_nodes,
+    trained_picture,
 )
 from .camera import capture_folder, create_camera, show_frames
 from .clip import Clip
@@ -43,10 +44,12 @@ class ImportOptions:
     background_frames: bool = True
     set_timeline: bool = True
     set_up_scene: bool = False
+    trained_picture: bool = False
     vehicles: bool = True  # an object for each vehicle, where the model has any
     largest: int = 2_000_000  # points
 
 
+SOFT_PIXELS = 0.3**0.5  # of the capture: standard deviation of the filter that aa4d's rasteriser draws with
 MOST_VEHICLES = 1000  # that become objects
 
 
@@ -72,7 +75,8 @@ def import_model(
     loaded = playback.load(path)
     source, clip = loaded.source, loaded.source.clip
     carrier = options.carrier if options.carrier in source.known_carriers else source.known_carriers[0]
-    look = options.look or (materials.POINTS if carrier == names.ANCHORS else materials.GAUSSIANS)
+    gaussians = materials.SPLATS if look_nodes.SPLATS_KNOWN else materials.GAUSSIANS
+    look = options.look or (materials.POINTS if carrier == names.ANCHORS else gaussians)
     view = properties.CAPTURE if source.kind == TRACK else options.view  # its colours do not follow a camera
     options = replace(options, carrier=carrier, look=look, view=view)
     count = point_count(source, carrier)
@@ -97,6 +101,8 @@ def import_model(
         obj, camera = _make(place, scene, collection, divided)
         if options.set_up_scene:
             set_up_scene(scene, camera, clip)
+        if options.trained_picture or trained_picture.is_on(scene):
+            trained_picture.turn(scene, True)
         if options.set_timeline:
             (set_timeline if fresh else extend_timeline)(scene, clip)
             scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))
@@ -176,6 +182,7 @@ def _make_object(name: str, place: _Place, rows: Indices) -> bpy.types.Object:
     look = obj.modifiers.new(names.LOOK_MODIFIER, "NODES")
     look.node_group = look_nodes.look_group()
     modifiers.put(look, look_nodes.LOOK, options.look)
+    modifiers.put(look, look_nodes.SOFTNESS, SOFT_PIXELS / float(clip.camera.K[0, 0]))
     return obj
 
 
@@ -268,7 +275,7 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     if folder is None:
         raise ModelFileError(f"The capture that {clip.path.name} was trained on is not beside it.")
     labels = activity.label_units(
-        clip, source.unit_count, folder, lambda rank: _shown_units(loaded, rank), _read_labels
+        clip, source.unit_count, folder, lambda frame: _shown_units(loaded, clip.ranks[frame]), _read_labels
     )
     written = []
     for part in parts.parts(obj):
@@ -281,8 +288,8 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     return {known[label + 1]: int(count) for label, count in zip(*counts, strict=True)}
 
 
-def _shown_units(loaded: playback.Loaded, rank: int) -> Floats:
-    """The units [N, 3] at a frame, world metres; NaN for those that are not in the scene then."""
+def _shown_units(loaded: playback.Loaded, rank: float) -> Floats:
+    """The units [N, 3] at a rank, world metres; NaN for those that are not in the scene then."""
     source = loaded.source
     there = source.there(source.clip.time_of_rank(rank))
     return np.where(there[:, None], loaded.trail(source.known_carriers[0], rank), np.float32(np.nan))

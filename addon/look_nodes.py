@@ -1,5 +1,6 @@
-"""The modifier that draws the points: three looks, what colours them, what hides them, ghosts of earlier frames."""
+"""The modifier that draws the points: the looks, what colours them, what hides them, ghosts of earlier frames."""
 
+import re
 from typing import Any, NamedTuple
 
 import bpy
@@ -7,19 +8,26 @@ import bpy
 from . import materials, names
 from .node_tree import Tree, socket, versioned_group
 
-VERSION = 6
+NAME, VERSION = "AdaAnchor4D Look", 7
+# From 5.3 on Blender draws Gaussians itself. Files go from one Blender to another: the group of one that knows the look
+# is not taken for that of one that does not.
+SPLATS_KNOWN = hasattr(bpy.types, "GeometryNodePointsSetType")
+EDITION = f"{VERSION} with splats" if SPLATS_KNOWN else f"{VERSION}"
 LOOK, SIZE, LIT = "Look", "Size", "Lit"
 COLOR_BY, PLANE, LOW, HIGH = "Colour By", "Plane", "Low", "High"
 MINIMUM_OPACITY, NEAREST, FARTHEST = "Minimum Opacity", "Moved at Least", "Moved at Most"
 CROP, CROP_OBJECT = "Crop", "Crop Object"
 NO_CROP, INSIDE, OUTSIDE = "Off", "Inside", "Outside"
 TRAIL_DISTANCE = "Ghost Distance"
+TRAINED_PICTURE, SOFTNESS = "Trained Picture", "Softness"
 
 LOOKS = {
     materials.POINTS: "Spheres of the size of what they stand for; the fastest",
     materials.DISCS: "Opaque discs across the thinnest direction of the Gaussians",
-    materials.GAUSSIANS: "Ellipsoids with the exact Gaussian falloff: the trained picture",
+    materials.GAUSSIANS: "Ellipsoids with the exact Gaussian falloff",
 }
+if SPLATS_KNOWN:
+    LOOKS[materials.SPLATS] = "Gaussians that Blender draws itself, as a point cloud of splats: the fastest of them"
 TRAINED, ACTIVITY, ID, VEHICLE = "Trained Colour", "Activity", "Anchor", "Vehicle"
 PAINT, PAINT_SHARE = "Paint", "Paint Strength"
 
@@ -58,6 +66,9 @@ RAMP = (
     (1.0, (0.984, 0.799, 0.018)),
 )
 DISC_SIGMAS = 1.5
+# Blender keeps the colour of a splat as the constant term of spherical harmonics: sRGB = 0.5 + SH_CONSTANT * term.
+SH_CONSTANT = 0.28209479177387814
+SPLAT_TYPE = "3D Gaussian Splat"
 # Turns of the axes, w x y z: the first brings x to y to z to x, the second goes back.
 TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5))
 NO_LIMIT_M = 1e6
@@ -65,7 +76,7 @@ NO_LIMIT_M = 1e6
 
 def look_group() -> bpy.types.NodeTree:
     """The group of the look modifier."""
-    group, made = versioned_group("AdaAnchor4D Look", VERSION)
+    group, made = versioned_group(NAME, EDITION)
     if not made:
         return group
     tree = Tree(group)
@@ -73,13 +84,20 @@ def look_group() -> bpy.types.NodeTree:
     geometry = tree.node("GeometryNodeSetID", {"Geometry": tree.input("Geometry")})
     # Motion blur finds an instance again by its id: filters may hide others from one frame to the next.
     tree.set(socket(geometry.inputs, "ID"), tree.named(names.ID.name, names.ID.type))
-    geometry = _colored(tree, geometry.outputs[0])
+    trained = tree.logic("AND", tree.input(TRAINED_PICTURE), tree.logic("NOT", tree.input(LIT)))
+    geometry = _colored(tree, geometry.outputs[0], trained)
     shown = _shown(tree)
     looks = {
         materials.POINTS: _points(tree, geometry, shown),
         materials.DISCS: _discs(tree, geometry, shown),
         materials.GAUSSIANS: _gaussians(tree, geometry, shown),
     }
+    if SPLATS_KNOWN:
+        # Nodes of its own that another Blender does not know make nothing there: then Gaussians stand in.
+        splats = _splats(tree, geometry, shown)
+        count = tree.node("GeometryNodeAttributeDomainSize", {"Geometry": splats}, component="POINTCLOUD").outputs
+        known = tree.compare(socket(count, "Point Count"), "GREATER_THAN", 0.5)
+        looks[materials.SPLATS] = tree.switch("GEOMETRY", known, looks[materials.GAUSSIANS], splats)
     drawn = tree.menu("GEOMETRY", LOOK, [(look, LOOKS[look], looks[look]) for look in LOOKS])
     join = tree.group.nodes.new("GeometryNodeJoinGeometry")
     tree.group.links.new(_ghosts(tree, geometry, shown), join.inputs[0])
@@ -90,18 +108,24 @@ def look_group() -> bpy.types.NodeTree:
     return group
 
 
+def lacks_splats(group: bpy.types.NodeTree) -> bool:
+    """Whether it is a look without splats, of this version or an older one, where this Blender has them."""
+    label = str(group.get(names.VERSION_PROPERTY))
+    return SPLATS_KNOWN and re.fullmatch(rf"{NAME} \d+", label) is not None and not group.library
+
+
 def shown_group() -> bpy.types.NodeTree:
     """The points themselves, in the colours and sizes that the look draws them with, and which of them it draws.
 
     For exports: the inputs are made in the order of `look_group`, so that values and animation survive the change.
     """
-    group, made = versioned_group("AdaAnchor4D Shown", VERSION)
+    group, made = versioned_group("AdaAnchor4D Shown", EDITION)
     if not made:
         return group
     tree = Tree(group)
     _make_inputs(tree)
     tree.menu("FLOAT", LOOK, [(look, LOOKS[look], 0.0) for look in LOOKS])  # unused: it keeps the menu's items
-    geometry = _colored(tree, tree.input("Geometry"))
+    geometry = _colored(tree, tree.input("Geometry"), False)
     geometry = tree.store(geometry, names.SHOWN, _shown(tree))
     radius = tree.math("MULTIPLY", tree.named(names.RADIUS.name, names.RADIUS.type), tree.input(SIZE))
     geometry = tree.store(geometry, names.RADIUS, radius)
@@ -111,11 +135,26 @@ def shown_group() -> bpy.types.NodeTree:
 
 def _sized(tree: Tree) -> Any:
     """The scales of the points, larger by the input."""
-    size = tree.group.nodes.new("ShaderNodeVectorMath")
-    size.operation = "SCALE"
-    tree.set(size.inputs[0], tree.named(names.SCALE.name, names.SCALE.type))
-    tree.set(socket(size.inputs, "Scale"), tree.input(SIZE))
-    return size.outputs[0]
+    return tree.vector("SCALE", tree.named(names.SCALE.name, names.SCALE.type), tree.input(SIZE))
+
+
+def _softened(tree: Tree) -> Any:
+    """The scales of the points as the rasteriser that trained them drew them: it widens each Gaussian on the screen.
+
+    `SOFTNESS` is the standard deviation of what it adds, as a share of the depth from the active camera.
+    """
+    camera = tree.group.nodes.new("GeometryNodeInputActiveCamera").outputs[0]
+    info = tree.node("GeometryNodeObjectInfo", {"Object": camera}, transform_space="RELATIVE")
+    inverse = tree.node("FunctionNodeInvertMatrix", {"Matrix": socket(info.outputs, "Transform")})
+    position = tree.group.nodes.new("GeometryNodeInputPosition").outputs[0]
+    seen = tree.node("FunctionNodeTransformPoint", {"Vector": position, "Transform": inverse.outputs["Matrix"]})
+    backwards = tree.node("ShaderNodeSeparateXYZ", {"Vector": seen.outputs[0]}).outputs[2]
+    depth = tree.math("MAXIMUM", tree.math("MULTIPLY", backwards, -1.0), 0.0)
+    added = tree.math("POWER", tree.math("MULTIPLY", depth, tree.input(SOFTNESS)), 2.0)
+    scale = tree.named(names.SCALE.name, names.SCALE.type)
+    wider = tree.vector("POWER", tree.vector("ADD", tree.vector("MULTIPLY", scale, scale), added), (0.5, 0.5, 0.5))
+    soft = tree.compare(tree.input(SOFTNESS), "GREATER_THAN", 0.0)
+    return tree.vector("SCALE", tree.switch("VECTOR", soft, scale, wider), tree.input(SIZE))
 
 
 def _trail_length(tree: Tree, geometry: Any) -> Any:
@@ -182,10 +221,30 @@ def _make_inputs(tree: Tree) -> None:
         min_value=0.0,
         subtype="DISTANCE",
     )
+    # What is new stands last, so that the numbers by which a modifier keeps the others stay.
+    tree.panel = None
+    tree.make_input(
+        TRAINED_PICTURE,
+        "Bool",
+        "Blend sRGB values, as training does: the colours are encoded once more, for the view transform Raw. "
+        "Set it with the button of this name, which sets the scene too",
+    )
+    tree.make_input(
+        SOFTNESS,
+        "Float",
+        "How much wider Gaussians are drawn, as a share of their depth: the width of the filter that they were trained "
+        "with, which thin ones need; set by the import",
+        default_value=0.0,
+        min_value=0.0,
+        max_value=1.0,
+    )
 
 
-def _colored(tree: Tree, geometry: Any) -> Any:
-    """The points in the colours asked for; what is not asked for is not computed."""
+def _colored(tree: Tree, geometry: Any, encode: Any) -> Any:
+    """The points in the colours asked for; what is not asked for is not computed.
+
+    Where `encode`, a value or a socket, holds, the colours are encoded once more.
+    """
     weights = {
         plane: tree.named(weight.name, "FLOAT") for plane, weight in zip(names.PLANES, names.WEIGHTS, strict=True)
     }
@@ -219,8 +278,17 @@ def _colored(tree: Tree, geometry: Any) -> Any:
     tree.set(socket(mix.inputs, "B"), tree.input(PAINT))
     painted = tree.compare(tree.input(PAINT_SHARE), "GREATER_THAN", 0.0)
     color = tree.switch("RGBA", painted, color, socket(mix.outputs, "Result"))
-    changed = tree.logic("OR", painted, tree.compare(chosen, "GREATER_THAN", 0.5))
+    if encode is not False:
+        color = tree.switch("RGBA", encode, color, _encoded(tree, color))
+    changed = tree.logic("OR", tree.logic("OR", painted, encode), tree.compare(chosen, "GREATER_THAN", 0.5))
     return tree.switch("GEOMETRY", changed, geometry, tree.store(geometry, names.COLOR, color))
+
+
+def _encoded(tree: Tree, color: Any) -> Any:
+    """Linear colours as sRGB ones (IEC 61966-2-1): below its bend the straight piece is the larger, above the curve."""
+    curve = tree.vector("MULTIPLY_ADD", tree.vector("POWER", color, (1 / 2.4,) * 3), (1.055,) * 3, (-0.055,) * 3)
+    straight = tree.vector("MINIMUM", tree.vector("MULTIPLY", color, (12.92,) * 3), (12.92 * 0.0031308,) * 3)
+    return tree.vector("MAXIMUM", curve, straight)
 
 
 def _number_of(tree: Tree, attribute: names.Attribute) -> Any:
@@ -322,6 +390,7 @@ def _discs(tree: Tree, geometry: Any, shown: Any) -> Any:
         turned = tree.switch("ROTATION", condition, turned, rotate.outputs[0])
         size = tree.switch("VECTOR", condition, size, tree.node("ShaderNodeCombineXYZ", across).outputs[0])
     disc = tree.node("GeometryNodeMeshCircle", {"Vertices": 12, "Radius": DISC_SIGMAS}, fill_type="NGON").outputs[0]
+    size = tree.vector("SCALE", size, tree.input(SIZE))
     return _instances(tree, geometry, shown, _with_material(tree, disc, materials.DISCS), turned, size)
 
 
@@ -329,16 +398,32 @@ def _gaussians(tree: Tree, geometry: Any, shown: Any) -> Any:
     """Every vertex as an ellipsoid with the scale and rotation of its Gaussian."""
     sphere = tree.node("GeometryNodeMeshIcoSphere", {"Radius": materials.GAUSSIAN_SIGMAS, "Subdivisions": 2}).outputs[0]
     rotation = tree.named(names.ROTATION.name, "QUATERNION")
-    scale = tree.named(names.SCALE.name, "FLOAT_VECTOR")
-    return _instances(tree, geometry, shown, _with_material(tree, sphere, materials.GAUSSIANS), rotation, scale)
+    shape = _with_material(tree, sphere, materials.GAUSSIANS)
+    return _instances(tree, geometry, shown, shape, rotation, _softened(tree))
+
+
+def _splats(tree: Tree, geometry: Any, shown: Any) -> Any:
+    """Every vertex as a splat of Blender's own. What is not shown has no opacity and no size, as with points."""
+    cloud = tree.node("GeometryNodeMeshToPoints", {"Mesh": geometry}).outputs[0]
+    scale = tree.switch("VECTOR", shown, (0.0, 0.0, 0.0), _softened(tree))
+    opacity = tree.switch("FLOAT", shown, 0.0, tree.named(names.OPACITY.name, names.OPACITY.type))
+    srgb = _encoded(tree, tree.named(names.COLOR.name, names.COLOR.type))
+    term = tree.vector("SCALE", tree.vector("SUBTRACT", srgb, (0.5,) * 3), 1 / SH_CONSTANT)
+    red, green, blue = tree.node("ShaderNodeSeparateXYZ", {"Vector": term}).outputs
+    channels = {"Red": red, "Green": green, "Blue": blue, "Alpha": opacity}
+    radiance = tree.node("FunctionNodeCombineColor", channels, mode="RGB").outputs[0]
+    for attribute, value in (
+        (names.SPLAT_SCALE, scale),
+        (names.SPLAT_ROTATION, tree.named(names.ROTATION.name, names.ROTATION.type)),
+        (names.SPLAT_RADIANCE, radiance),
+    ):
+        cloud = tree.store(cloud, attribute, value)
+    cloud = tree.node("GeometryNodePointsSetType", {"Points": cloud, "Type": SPLAT_TYPE}).outputs[0]
+    return _with_material(tree, cloud, materials.SPLATS)
 
 
 def _instances(tree: Tree, geometry: Any, shown: Any, shape: Any, rotation: Any, scale: Any) -> Any:
-    size = tree.group.nodes.new("ShaderNodeVectorMath")
-    size.operation = "SCALE"
-    tree.set(size.inputs[0], scale)
-    tree.set(socket(size.inputs, "Scale"), tree.input(SIZE))
-    inputs = {"Points": geometry, "Selection": shown, "Instance": shape, "Rotation": rotation, "Scale": size.outputs[0]}
+    inputs = {"Points": geometry, "Selection": shown, "Instance": shape, "Rotation": rotation, "Scale": scale}
     return tree.node("GeometryNodeInstanceOnPoints", inputs).outputs[0]
 
 

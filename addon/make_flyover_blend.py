@@ -123,7 +123,7 @@ def build_scene(options: argparse.Namespace) -> None:
         bpy.data.objects.remove(obj)
     bpy.ops.outliner.orphans_purge(do_recursive=True)
     stop_if_asked()
-    bpy.ops.aa4d.import_model(filepath=str(options.model.resolve()), set_up_scene=True, bake=True)
+    bpy.ops.aa4d.import_model(filepath=str(options.model.resolve()), carrier="ANCHORS", set_up_scene=True, bake=True)
     stop_if_asked()
     scene = bpy.context.scene
     points = bpy.context.active_object

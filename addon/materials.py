@@ -7,7 +7,8 @@ from . import names
 from .node_tree import socket
 
 VERSION = 2
-POINTS, DISCS, GAUSSIANS = "Points", "Discs", "Gaussians"
+POINTS, DISCS, GAUSSIANS, SPLATS = "Points", "Discs", "Gaussians", "Native Splats"
+RADIANCE = "radiance"  # what a shader calls the colour of a splat of Blender's own, linear, as the ray sees it
 GAUSSIAN_SIGMAS = 3.0  # how far out an ellipsoid reaches: beyond, a Gaussian is under 1.2 % of its peak
 ID_PASS = "AA Anchor"  # the pass that holds aa_id + 1, so that 0 is where no point is
 
@@ -25,8 +26,8 @@ def material(look: str, *, lit: bool) -> bpy.types.Material:
         made.use_nodes = True
     tree = made.node_tree
     tree.nodes.clear()
-    kind = "GEOMETRY" if look == POINTS else "INSTANCER"
-    color = _attribute(tree, names.COLOR.name, kind).outputs["Color"]
+    kind = "GEOMETRY" if look in (POINTS, SPLATS) else "INSTANCER"
+    color = _attribute(tree, RADIANCE if look == SPLATS else names.COLOR.name, kind).outputs["Color"]
     surface = tree.nodes.new("ShaderNodeBsdfDiffuse" if lit else "ShaderNodeEmission")
     tree.links.new(color, surface.inputs["Color"])
     if look == GAUSSIANS:

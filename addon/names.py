@@ -1,7 +1,7 @@
 """Every name the add-on leaves in a .blend: attributes, keys, groups, modifiers, in one table.
 
-The prefix keeps clear of Blender's own attribute names (an attribute called `color` renders black in Cycles). A
-Blender with splats of its own needs no more than another name here.
+The prefix keeps clear of Blender's own attribute names (an attribute called `color` renders black in Cycles), except
+where those are meant.
 """
 
 from collections.abc import Collection
@@ -29,6 +29,11 @@ SPEED = Attribute("aa_speed", "FLOAT")  # metres a second of the anchor
 GROUP = Attribute("aa_group", "INT")  # the vehicle that the anchor rides on, its number from 0; -1 for the world
 ACTIVITY = Attribute("aa_activity", "INT")  # the label of the capture's truth; -1 where it has none
 SHOWN = Attribute("aa_shown", "BOOLEAN")  # whether the filters let the point through; only in what exports read
+# Blender's own, of a point cloud of Gaussian splats: standard deviations, w x y z, and a constant term of spherical
+# harmonics with the opacity as its fourth number.
+SPLAT_SCALE = Attribute("scale", "FLOAT_VECTOR")
+SPLAT_ROTATION = Attribute("rotation", "QUATERNION")
+SPLAT_RADIANCE = Attribute("radiance:base", "FLOAT_COLOR")
 TRAIL = Attribute("aa_trail", "INT")  # how many earlier positions there are
 TRAIL_PREFIX = "aa_trail_"
 PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
@@ -71,6 +76,9 @@ VERSION_PROPERTY = "aa_version"  # on node groups and materials: which version o
 STAMP_PROPERTY = "aa_stamp"  # on the mesh: what its attributes were evaluated for
 PLACED_PROPERTY = "aa_placed"  # on the mesh: the time that its positions were evaluated for, and their checksum
 MAP_PROPERTY = "aa_map"  # on the mesh: 4 x 4 numbers, from the model's metres to the mesh's; absent where they agree
+
+KEPT_PROPERTY = "aa_kept"  # on a scene that shows the trained picture: its settings before that
+BACKGROUND_PROPERTY = "aa_background"  # on the world that an import made: the model's background, sRGB and linear
 
 FIRST_FRAME = 1  # the timeline's frame of the clip's first frame, unless a person moves it
 

@@ -13,7 +13,7 @@ def socket(sockets: Iterable[Any], name: str) -> Any:
     return next(candidate for candidate in sockets if candidate.enabled and candidate.name == name)
 
 
-def versioned_group(name: str, version: int) -> tuple[bpy.types.NodeTree, bool]:
+def versioned_group(name: str, version: int | str) -> tuple[bpy.types.NodeTree, bool]:
     """The group of this name and version, and whether it was made now and awaits its nodes."""
     for group in bpy.data.node_groups:
         if group.get(names.VERSION_PROPERTY) == f"{name} {version}" and not group.library:

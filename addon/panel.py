@@ -5,7 +5,7 @@ import textwrap
 import bpy
 from bpy.app.translations import pgettext_iface as translated
 
-from . import look_nodes, modifiers, names, operators, parts, playback, time_nodes
+from . import look_nodes, modifiers, names, operators, other_blenders, parts, playback, time_nodes, trained_picture
 from .operators.inspection import statistics
 from .parts import is_imported
 from .source import MODEL, TRACK
@@ -70,6 +70,10 @@ class ImportPanel(SidebarPanel, bpy.types.Panel):
             cost = sum(ms for ms in costs if ms is not None) or None
             text = translated("Live") if cost is None else translated("Live: {:.1f} ms a frame").format(cost)
             column.label(text=text, icon="TIME", translate=False)
+            error = playback.quick_errors_m.get(obj.session_uid)
+            if error is not None:
+                text = translated("Playing: {:.1f} mm off").format(1000 * error)
+                column.label(text=text, icon="PLAY", translate=False)
 
 
 class ObjectPanel(SidebarPanel):
@@ -110,7 +114,12 @@ class LookPanel(ObjectPanel, bpy.types.Panel):
         """Draw the panel."""
         obj, layout = context.active_object, self.layout
         inputs = (look_nodes.LOOK, look_nodes.SIZE, look_nodes.LIT, look_nodes.PAINT, look_nodes.PAINT_SHARE)
-        _draw_inputs(layout, modifiers.of(obj, names.LOOK_MODIFIER), inputs)
+        look = modifiers.of(obj, names.LOOK_MODIFIER)
+        _draw_inputs(layout, look, inputs)
+        if look is not None and other_blenders.is_replaced(look):
+            _draw_text(layout, context, translated(other_blenders.DRAWN_AS_GAUSSIANS))
+        on = trained_picture.is_on(context.scene)
+        layout.operator(operators.TrainedPicture.bl_idname, icon="IMAGE_DATA", depress=on).use = not on
         if obj.aa4d.playback == "LIVE" and obj.aa4d.kind == MODEL:
             layout.label(text="Seen From")
             layout.prop(parts.lead(obj).aa4d, "view", text="")
@@ -210,6 +219,7 @@ class OutputPanel(ObjectPanel, bpy.types.Panel):
         layout.prop(obj, "is_holdout")
         layout.operator(operators.ExportPly.bl_idname, icon="EXPORT")
         layout.operator(operators.ExportUsd.bl_idname, icon="EXPORT")
+        layout.operator(operators.ExportCameraPath.bl_idname, icon="CAMERA_DATA")
         layout.operator(operators.Relink.bl_idname, icon="LINKED")
 
 

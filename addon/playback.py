@@ -31,6 +31,7 @@ from .source import MODEL, TRACK, Source, Values, point_count, read_source
 
 FRAMES_KEPT_BYTES = 256 * 2**20  # of evaluated frames, so that playing them again costs no more than the copy
 PIECE = 2**20  # bytes at a time, of a file whose hash is taken
+QUICK_SHARE = 99  # percent of the points whose error is told
 TRAILS_KEPT = 2 * time_nodes.LONGEST_TRAIL
 KIND_WORDS = {MODEL: "a model file", TRACK: "a track file"}
 STANDS_STILL = "it belongs to another file and stands still here; bake it there, or make it and its data local."
@@ -43,7 +44,7 @@ class Loaded:
     source: Source
     content: str  # hash of the file
     frames: dict[str, Values] = dataclasses.field(default_factory=dict)  # by stamp
-    trails: dict[tuple[str, int], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
+    trails: dict[tuple[str, float], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
     center: dict[float, Doubles] = dataclasses.field(default_factory=dict)  # of the capture's camera, at the last t
 
     def camera_center(self, t: float) -> Doubles:
@@ -53,18 +54,20 @@ class Loaded:
             self.center[t] = self.source.clip.camera_center_at(t)
         return self.center[t]
 
-    def frame(self, stamp: str, carrier: str, t: float, center: Doubles, wanted: frozenset[names.Attribute]) -> Values:
+    def frame(
+        self, stamp: str, carrier: str, t: float, center: Doubles, wanted: frozenset[names.Attribute], quick: bool
+    ) -> Values:
         """`Source.evaluate`, remembered under a stamp that tells these arguments apart; the latest are kept."""
         if stamp not in self.frames:
-            values = self.source.evaluate(carrier, t, center, wanted)
+            values = self.source.evaluate(carrier, t, center, wanted, quick=quick)
             size = sum(value.nbytes for value in values.values())
             while self.frames and (len(self.frames) + 1) * size > FRAMES_KEPT_BYTES:
                 del self.frames[next(iter(self.frames))]
             self.frames[stamp] = values
         return self.frames[stamp]
 
-    def trail(self, carrier: str, rank: int) -> Floats:
-        """The positions at a whole frame of the clip; the latest ones asked for are kept."""
+    def trail(self, carrier: str, rank: float) -> Floats:
+        """The positions at a frame of the clip; the latest ones asked for are kept."""
         key = (carrier, rank)
         if key not in self.trails:
             while len(self.trails) >= TRAILS_KEPT:
@@ -81,11 +84,22 @@ class Moment:
     t: float
     center: tuple[float, float, float]  # where it is seen from, world metres as the model has them
     trail: int  # ghosts
+    quick: bool  # for the moment that the timeline stays there
 
 
-# For the panel: the cost of the last evaluation and the last problem, by the object's session id.
+# For the panel: the cost of the last evaluation, how far its points were from their places while the timeline played,
+# and the last problem, by the object's session id.
 milliseconds: dict[int, float] = {}
+quick_errors_m: dict[int, float] = {}
 problems: dict[int, str] = {}
+
+
+def is_playing() -> bool:
+    """Whether somebody watches the timeline play: a render or a script sees every frame exact."""
+    manager = bpy.context.window_manager
+    return not bpy.app.is_job_running("RENDER") and any(
+        window.screen.is_animation_playing for window in ([] if manager is None else manager.windows)
+    )
 
 
 def load(path: str) -> Loaded:
@@ -205,7 +219,7 @@ def moment_of(
     rank = clip_time_of(evaluated, clip.frame_count).rank(scene.frame_current_final)
     t = clip.time_of_rank(rank)
     x, y, z = camera_center(obj, loaded, t, scene, depsgraph).tolist()
-    return Moment(rank, t, (x, y, z), trail_length(evaluated))
+    return Moment(rank, t, (x, y, z), trail_length(evaluated), is_playing())
 
 
 def show(
@@ -243,8 +257,14 @@ def show(
         moment = moment_of(obj, loaded, scene, depsgraph)  # seen from elsewhere, where the map is new
         stamp = _stamp(loaded, carrier, moment, wanted)
     together |= wanted
-    evaluation = f"{carrier} {moment.t!r} {moment.center} {sorted(a.name for a in together)}"
-    frame = loaded.frame(evaluation, carrier, moment.t, np.array(moment.center), together)
+    evaluation = f"{carrier} {moment.t!r} {moment.center} {sorted(a.name for a in together)} "
+    frame = loaded.frame(
+        evaluation + str(moment.quick), carrier, moment.t, np.array(moment.center), together, moment.quick
+    )
+    played = None if moment.quick else loaded.frames.get(evaluation + str(True))
+    if played is not None:  # the timeline has just come to rest here
+        off = np.linalg.norm(played[names.POSITION] - frame[names.POSITION], axis=1)[frame[names.OPACITY] > 0]
+        quick_errors_m[obj.session_uid] = float(np.percentile(off, QUICK_SHARE)) if len(off) else 0.0
     values = {a: array[rows] for a, array in frame.items() if a in names.APPEARANCE or a in wanted}
     if matrix is not None:
         values = affine.moved(values, matrix)
@@ -262,7 +282,8 @@ def show(
 
 def _stamp(loaded: Loaded, carrier: str, moment: Moment, wanted: frozenset[names.Attribute]) -> str:
     """What tells apart two states of a mesh."""
-    return f"{loaded.content} {carrier} {moment.t!r} {moment.center} {sorted(a.name for a in wanted)} {moment.trail}"
+    shown = f"{moment.t!r} {moment.center} {moment.trail} {moment.quick}"
+    return f"{loaded.content} {carrier} {shown} {sorted(a.name for a in wanted)}"
 
 
 def rows_of(mesh: bpy.types.Mesh) -> slice | np.ndarray:
@@ -407,6 +428,7 @@ def relative(path: str, folder: str) -> str:
 LISTENERS = (
     (bpy.app.handlers.frame_change_post, refresh),
     (bpy.app.handlers.depsgraph_update_post, refresh),
+    (bpy.app.handlers.animation_playback_post, refresh),
     (bpy.app.handlers.save_pre, keep_paths),
 )
 
@@ -425,4 +447,5 @@ def unregister() -> None:
     parts.forget_times()
     modifiers.forget()
     milliseconds.clear()
+    quick_errors_m.clear()
     problems.clear()

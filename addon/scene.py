@@ -71,4 +71,5 @@ def set_up_scene(scene: bpy.types.Scene, camera: bpy.types.Object | None, clip: 
     color = linear_rgba(np.array([clip.background], np.float32))[0]
     background.inputs["Color"].default_value = color.tolist()
     world.color = color[:3].tolist()
+    world[names.BACKGROUND_PROPERTY] = {"srgb": list(clip.background), "linear": color[:3].tolist()}
     scene.world = world

@@ -14,6 +14,7 @@ from .clip import Clip
 from .container import Floats, read_metadata
 from .field import Field, Indices, prepare
 from .header import Doubles
+from .knots import Knots, of_clip
 from .model import Model, read_model
 from .track import FORMAT, Track, read_track
 
@@ -65,9 +66,11 @@ class Source(Protocol):
     def there(self, t: float) -> npt.NDArray[np.bool_]:
         """Whether each unit is in the scene at t: [units]."""
 
-    def evaluate(self, carrier: str, t: float, eye: Doubles, wanted: Collection[names.Attribute]) -> Values:
+    def evaluate(
+        self, carrier: str, t: float, eye: Doubles, wanted: Collection[names.Attribute], *, quick: bool = False
+    ) -> Values:
         """The attributes at t, one row a point, seen from `eye` [3], metres: `names.APPEARANCE`, and what is wanted and
-        offered of the others.
+        offered of the others. `quick` allows what `knots` leaves out.
 
         Raises:
             ModelFileError: the numbers of the file overflow there.
@@ -89,6 +92,7 @@ class ModelSource:
     offers: ClassVar[Collection[names.Attribute]] = (*names.APPEARANCE, *names.SHAPE, *names.INSPECTION)
 
     field: Field
+    knots: Knots | None = None  # for quick frames; without them those are exact
 
     @property
     def model(self) -> Model:
@@ -129,9 +133,11 @@ class ModelSource:
             return np.ones(self.unit_count, bool)
         return np.append(shown.presence(t) > 0, True)[shown.of_anchor]
 
-    def evaluate(self, carrier: str, t: float, eye: Doubles, wanted: Collection[names.Attribute]) -> Values:
+    def evaluate(
+        self, carrier: str, t: float, eye: Doubles, wanted: Collection[names.Attribute], *, quick: bool = False
+    ) -> Values:
         """See `carriers.evaluate`."""
-        return carriers.evaluate(self.field, carrier, t, eye, wanted)
+        return carriers.evaluate(self.field, carrier, t, eye, wanted, self.knots if quick else None)
 
     def positions(self, carrier: str, t: float) -> Floats:
         """See `carriers.positions`."""
@@ -196,6 +202,8 @@ class TrackSource:
         t: float,
         eye: Doubles,  # noqa: ARG002 - the export has baked what each of its views sees
         wanted: Collection[names.Attribute],
+        *,
+        quick: bool = False,  # noqa: ARG002 - it is
     ) -> Values:
         """Displacement counts from the first key: a track knows no canonical place."""
         now = self.track.at(t)
@@ -232,7 +240,8 @@ def read_source(path: str) -> Source:
     """
     if _format(read_metadata(Path(path))) == FORMAT:
         return TrackSource(read_track(path))
-    return ModelSource(prepare(read_model(path)))
+    field = prepare(read_model(path))
+    return ModelSource(field, of_clip(field.model.frame_count))
 
 
 def _format(metadata: Mapping[str, str]) -> object:

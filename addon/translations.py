@@ -30,6 +30,7 @@ GERMAN = {
     "Cycles is switched off: the render engine stays as it was": "Cycles ist aus: die Engine bleibt, wie sie war",
     "This Blender was built without USD": "Dieses Blender wurde ohne USD gebaut",
     "Live: {:.1f} ms a frame": "Live: {:.1f} ms pro Bild",
+    "Playing: {:.1f} mm off": "Abspielen: {:.1f} mm daneben",
     "{} vehicles": "{} Fahrzeuge",
     "; {} vehicles": "; {} Fahrzeuge",
     "Vehicle {}": "Fahrzeug {}",
@@ -50,6 +51,13 @@ GERMAN = {
     "Bake Range": "Bereich backen",
     "Free Bake": "Backen verwerfen",
     "Freeze View": "Blick einfrieren",
+    "Trained Picture": "Trainiertes Bild",
+    "The world stays yours: only one of Set Up Scene is the background": (
+        "Die Welt bleibt die eigene: Hintergrund ist nur die von Szene einrichten"
+    ),
+    "Native Splats need Blender 5.3; here they are drawn as Gaussians, which takes longer.": (
+        "Eigene Splats braucht Blender 5.3; hier werden sie als Gaußfunktionen gezeichnet, was länger dauert."
+    ),
     "Relink": "Neu verknüpfen",
     "Inspection": "Untersuchung",
     "Fit Legend": "Legende anpassen",

@@ -33,6 +33,8 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
         (("eval", "absent"), "no such model file"),
         (("inspect", "absent"), "no such model file"),
         (("render", "absent"), "no such model file"),
+        (("view", "absent"), "no such model file"),
+        (("view",), "name at least one run"),
         (("export", "absent"), "no such model file"),
         (("render", __file__), "test_cli.py: is a file; name the folder of the run"),
         (("train", "absent", "--out", "run", "--seed", str(2**63)), "--seed: 9223372036854775808 is out of range"),

@@ -68,5 +68,7 @@ def export(
     if out is None and axes != "world":
         folder = folder.with_name(f"{folder.name}-{axes}")
     with step_progress("views") as progress:
-        run_export(Clip(loaded, flown, eye, axes), format, folder, progress)
+        said = run_export(Clip(loaded, flown, eye, axes), format, folder, progress)
     console.print(f"{EXPORTERS[format].description}: {folder}", highlight=False, soft_wrap=True)
+    if said is not None:
+        console.print(said, highlight=False, soft_wrap=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,7 @@ from aa4d.commands.choices import name_in
 from aa4d.commands.settings_options import Assignments, Config
 from aa4d.console import console, training_progress
 from aa4d.errors import InputError
-from aa4d.methods import DEFAULT, METHODS
+from aa4d.methods import DEFAULT
 
 MOTION = ("tracks", "none")
 
@@ -77,8 +76,8 @@ def train(
     """Train a model on a capture; Ctrl-C stops it, and the same command continues, after `kill -9` too."""
     from aa4d.capture.reader import read_capture
     from aa4d.device import note_on_device
-    from aa4d.methods import presets_of
-    from aa4d.methods.settings import AnchorSettings, MotionSettings, with_iterations
+    from aa4d.methods.given import given_settings
+    from aa4d.methods.settings import with_iterations
     from aa4d.settings.given import Given, Options
     from aa4d.training.trainer import train as run_training
 
@@ -95,11 +94,7 @@ def train(
     if motion == "none" and (idle := [given for given in assignments if given.startswith("motion.")]):
         raise InputError(f"--set {idle[0]}: has no effect with --motion none; leave one of them out")
     given = Given.by(config, assignments, options)
-    presets = presets_of(given.chosen("method", METHODS, DEFAULT))
-    base = presets[given.chosen("preset", presets, "quick")]
-    if isinstance(base, AnchorSettings):
-        base = replace(base, motion=MotionSettings())
-    settings = given.applied(base, chosen=["method", "preset"])
+    settings = given_settings(given)
     if iterations is not None:
         if min(iterations) < 1:
             raise InputError(f"--iterations {iterations[0]} {iterations[1]}: both must be at least 1")

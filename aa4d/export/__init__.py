@@ -24,7 +24,8 @@ Progress = Callable[[int, int], None]
 class Exporter:
     """`module` has a function `export(clip, out, progress)`, which writes what is not there yet into `out`.
 
-    It is imported on first use: what a format needs is asked of those who want it.
+    What it returns, a sentence or None, is told to whoever called: what the file costs. The module is imported on first
+    use: what a format needs is asked of those who want it.
     """
 
     description: str
@@ -36,16 +37,21 @@ class Exporter:
 EXPORTERS = {
     "ply": Exporter("3D Gaussian splatting PLY, one file a view", "aa4d.export.splat_ply"),
     "points": Exporter("point-cloud PLY with colours, one file a view", "aa4d.export.point_ply"),
-    "usd": Exporter("animated points in one USD file", "aa4d.export.usd_points", True, ("pxr", "usd-core")),
+    "usd": Exporter("moving splats in one USD file", "aa4d.export.usd_splats", True, ("pxr", "usd-core")),
+    "usd-points": Exporter("animated points in one USD file", "aa4d.export.usd_points", True, ("pxr", "usd-core")),
     "track": Exporter("Gaussians at key times, for the Blender extension", "aa4d.export.track", True),
+    "html": Exporter("one page that plays the scene in a browser", "aa4d.export.html_page", True),
     "4dgs": Exporter("one file in the 4DGS container", "aa4d.export.fourdgs_container", True, ("fourdgs", "fourdgs")),
 }
 
 AXES = ("world", "viewer")  # z up, or y down
 
 
-def export(clip: Clip, name: str, out: Path, progress: Progress) -> None:
+def export(clip: Clip, name: str, out: Path, progress: Progress) -> str | None:
     """Write `clip` in the format `name` into the folder `out`; what a stopped export left is continued.
+
+    Returns:
+        What the exporter has to say, if anything.
 
     Raises:
         InputError: `out` holds something else, or the format needs a package that is not installed.
@@ -59,7 +65,9 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> None:
             import_module(module)
         except ImportError:
             raise InputError(f"--format {name}: needs the package {package}; pip install {package}") from None
-    write: Callable[[Clip, Path, Progress], None] = import_module(exporter.module).export
+    from aa4d.export.origin import geographic_origin
+
+    write: Callable[[Clip, Path, Progress], str | None] = import_module(exporter.module).export
     settings = {
         "format": "aa4d-export",
         "version": VERSION,
@@ -70,4 +78,6 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> None:
     }
     index = index_of("export", clip.loaded, settings | clip.path.as_json())
     claim_folder(out, INDEX, index, "an export")
-    write(replace(clip, identity=identity_of(index["identity"])), out, progress)
+    # The origin is in no index: an export goes on where the capture has gone in the meantime.
+    known = replace(clip, identity=identity_of(index["identity"]), origin=geographic_origin(clip.loaded))
+    return write(known, out, progress)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -44,6 +46,7 @@ class Clip:
     eye: Array | None  # [3] metres, the same for all views; None: each view's own camera
     axes: str = "world"  # of aa4d.export.AXES
     identity: Identity | None = None  # of the export, for formats that can hold it
+    origin: Mapping[str, float] | None = None  # where on Earth the world's is, likewise: `aa4d.export.origin`
 
     def __len__(self) -> int:
         return len(self.path.views)
@@ -78,8 +81,9 @@ class Clip:
         return velocity if self.axes == "world" else np.asarray(VIEWER.apply(velocity))
 
     def labels(self) -> list[str]:
-        """Lines for the header of a file: the export's identity."""
-        return [] if self.identity is None else [f"aa4d {self.identity.as_text()}"]
+        """Lines for the header of a file: where on Earth it is, and the export's identity."""
+        places = [] if self.origin is None else [f"geographic origin {json.dumps(dict(self.origin))}"]
+        return places + ([] if self.identity is None else [f"aa4d {self.identity.as_text()}"])
 
     def group_names(self) -> tuple[str, ...]:
         groups = self.loaded.model.groups

@@ -7,6 +7,7 @@ it is as in the first. The library quantises within bounds that it states in the
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -39,7 +40,12 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     wide = {"win_lo", "win_hi"}  # the file keeps these in float64
     scene = fourdgs.GaussianSet(**{k: v if k in wide else v.astype(np.float32) for k, v in columns.items()})
     frame = fourdgs.CoordinateFrame("", *RIGHT_HANDED_Z_UP_Y_FORWARD, METRE, 1.0)
-    metadata = None if clip.identity is None else {"aa4d": clip.identity.as_text()}
+    # The library's own converters to USD and glTF read the axes here, not in the provenance.
+    metadata = {"coordinate_system": "z-up-right-handed"}
+    if clip.identity is not None:
+        metadata["aa4d"] = clip.identity.as_text()
+    if clip.origin is not None:
+        metadata["geographic_origin"] = json.dumps(dict(clip.origin))
     provenance = fourdgs.Provenance(frames=[frame])
     options = fourdgs.WriteOptions(library=f"aa4d {__version__}", provenance=provenance, metadata=metadata)
     with whole_file(path) as temporary:

@@ -1,6 +1,7 @@
 """The PLY of the original 3D Gaussian splatting, which splat viewers open: one file a view.
 
 Colours are the constant term of spherical harmonics, opacities are logits, scales logarithms, rotations w x y z.
+SuperSplat plays such files as a sequence, by what their names share and the number after it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from aa4d.files import whole_file
 
 SH_CONSTANT = 0.28209479177387814  # 1 / (2 sqrt(pi)): viewers show 0.5 + SH_CONSTANT * f_dc
 OPAQUE = 1 - 1e-6  # a saturated tanh is exactly 1, whose logit is infinite
+PREFIX = "clip_"  # of the files' names
+DRAWN_AS = "SplatRenderMode: default"  # PlayCanvas's programs read there that the low-pass filter adds opacity
 THINNEST_M = 1e-9  # a scale that underflowed is 0, whose logarithm is infinite
 
 PROPERTIES = (
@@ -27,9 +30,9 @@ PROPERTIES = (
 
 def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     for index in range(len(clip)):
-        path = out / f"{clip.name(index)}.ply"
+        path = out / f"{PREFIX}{clip.name(index)}.ply"
         if not path.exists():
-            write_splat_ply(path, clip.gaussians(index), clip.labels())
+            write_splat_ply(path, clip.gaussians(index), [DRAWN_AS, *clip.labels()])
         progress(index + 1, len(clip))
 
 

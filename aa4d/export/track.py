@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,12 @@ from safetensors.numpy import save_file
 
 from aa4d import __version__
 from aa4d.errors import InputError
-from aa4d.export.clip import FAINTEST, Array, Clip, every_gaussian
+from aa4d.export.clip import Clip
+from aa4d.export.keys import decoded, times_of
 from aa4d.files import whole_file
 
 NAME = "track.safetensors"
 VERSION = 1
-SMALLEST_SCALE_M = 1e-9  # a scale that underflowed is 0, whose logarithm is infinite
 POSITION_TOLERANCE = 1e-5  # of the viewing distance: a hundredth of a pixel at 1000 pixels of focal length
 KINDS: dict[str, tuple[type, float]] = {  # how keys are stored, and half the range below which nothing varies
     "position": (np.uint16, POSITION_TOLERANCE),
@@ -50,9 +49,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     Raises:
         InputError: the views' times do not rise.
     """
-    path, times = out / NAME, [view.t for view in clip.path.views]
-    if any(after <= before for before, after in pairwise(times)):
-        raise InputError("--format track: the times of the views must rise; leave out --path")
+    path, times = out / NAME, times_of(clip, "track")
     if path.exists():
         progress(2 * len(clip), 2 * len(clip))
         return
@@ -72,7 +69,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
         tensors[f"{name}.rows"] = np.flatnonzero(varies).astype(np.uint32)
         tensors[f"{name}.keys"] = np.zeros((len(clip), *box[:, 0].shape), kind)
         errors[name] = _largest_error(lower, upper, varies, np.iinfo(kind).max)
-    for index, values in enumerate(_decoded(clip)):
+    for index, values in enumerate(decoded(clip)):
         for name, value in values.items():
             rows, box, keys = (tensors[f"{name}.{part}"] for part in ("rows", "box", "keys"))
             levels = np.iinfo(keys.dtype).max
@@ -100,7 +97,7 @@ def _largest_error(
 def _survey(clip: Clip, progress: Callable[[int, int], None]) -> tuple[NDArray[np.int64], dict[str, Range]]:
     """The ids that are drawn at any key, and the range of every attribute of all Gaussians."""
     drawn, ranges = np.zeros(0, bool), dict[str, Range]()
-    for index, values in enumerate(_decoded(clip)):
+    for index, values in enumerate(decoded(clip)):
         seen = values["opacity"][:, 0] > 0
         if not ranges:
             drawn, ranges = seen, {name: Range(value.copy(), value.copy()) for name, value in values.items()}
@@ -110,26 +107,6 @@ def _survey(clip: Clip, progress: Callable[[int, int], None]) -> tuple[NDArray[n
             np.maximum(ranges[name].upper, value, out=ranges[name].upper)
         progress(index + 1, 2 * len(clip))
     return np.flatnonzero(drawn), ranges
-
-
-def _decoded(clip: Clip) -> Iterator[dict[str, NDArray[np.float32]]]:
-    """Every attribute [N, D] of all Gaussians, key by key; successive rotations lie in one hemisphere."""
-    before: Array | None = None
-    for index in range(len(clip)):
-        g = every_gaussian(clip.loaded, clip.path.views[index].t, clip.eye_at(index))
-        rotation = g.quaternions
-        if before is not None:
-            rotation = np.where((rotation * before).sum(axis=1, keepdims=True) < 0, -rotation, rotation)
-        before = rotation
-        opacity = np.where(g.opacities >= FAINTEST, g.opacities, 0.0)
-        values = {
-            "position": g.means,
-            "rotation": rotation,
-            "log_scale": np.log(np.maximum(g.scales, SMALLEST_SCALE_M)),
-            "opacity": opacity[:, None],
-            "color": g.colors,
-        }
-        yield {name: value.astype(np.float32) for name, value in values.items()}
 
 
 def _header(clip: Clip, out: Path, times: list[float], errors: dict[str, float]) -> dict[str, Any]:

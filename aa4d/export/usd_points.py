@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, UsdGeom, Vt
 
 from aa4d.export.clip import Array, Clip
-from aa4d.files import whole_file
+from aa4d.export.usd_stage import stage_of
 
 NAME = "points.usdc"
 
@@ -26,20 +26,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     if path.exists():
         progress(len(clip), len(clip))
         return
-    codes = [round(clip.seconds(index) * clip.path.fps, 6) for index in range(len(clip))]
-    with whole_file(path) as temporary:
-        temporary.unlink()  # USD makes its file itself
-        stage = Usd.Stage.CreateNew(str(temporary))
-        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-        stage.SetTimeCodesPerSecond(clip.path.fps)
-        stage.SetFramesPerSecond(clip.path.fps)
-        stage.SetStartTimeCode(0)
-        stage.SetEndTimeCode(codes[-1])
-        if clip.identity is not None:
-            stage.GetRootLayer().customLayerData = {"aa4d": clip.identity.as_text()}
-        root = UsdGeom.Xform.Define(stage, "/AdaAnchor4D")
-        stage.SetDefaultPrim(root.GetPrim())
+    with stage_of(clip, path) as (stage, codes):
         points = UsdGeom.Points.Define(stage, "/AdaAnchor4D/points")
         primvars = UsdGeom.PrimvarsAPI(points)
         color = primvars.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
@@ -67,8 +54,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
             if group is not None and g.group is not None:
                 group.Set(Vt.IntArray.FromNumpy(g.group), code)
             progress(index + 1, len(clip))
-        stage.GetRootLayer().Save()
-        del points, primvars, color, opacity, group, root, stage
+        del points, primvars, color, opacity, group, stage
 
 
 def linear(srgb: Array) -> Array:

@@ -30,12 +30,18 @@ GOLDEN = 0.618034  # fraction of a turn from one group's hue to the next
 
 
 @dataclass(frozen=True)
-class Layer:
-    """A scalar per pixel, drawn in colours. `values` [H, W] from a rendering, in `unit`, NaN where nothing is."""
+class Ramp:
+    """How a scalar is drawn in colours."""
 
     meaning: str
     unit: str
     colormap: str
+
+
+@dataclass(frozen=True)
+class Layer(Ramp):
+    """A scalar per pixel. `values` [H, W] from a rendering, in `unit`, NaN where nothing is."""
+
     values: Callable[[LoadedModel, Rendering], Tensor]
     anchor_values: Callable[[LoadedModel, float | None], Tensor] | None = None  # [N] painted for it, if any
     bounds: tuple[float, float] | None = None  # of the colour scale; None: measured over the views
@@ -199,10 +205,12 @@ def scale_of(layer: Layer, samples: list[NDArray[np.float32]]) -> tuple[float, f
     return (lower, upper) if upper - lower > 1e-6 * max(abs(lower), abs(upper), 1e-6) else (lower, lower + 1.0)
 
 
-def colored(layer: Layer, values: NDArray[np.float32], scale: tuple[float, float]) -> NDArray[np.uint8]:
+def colored(ramp: Ramp, values: NDArray[np.float32], scale: tuple[float, float]) -> NDArray[np.uint8]:
     """[H, W] -> [H, W, 3]; beyond the scale its ends' colours, black where nothing is."""
     lower, upper = scale
+    colormap = matplotlib.colormaps[ramp.colormap]
+    # A table of its colours, which is what a colormap looks up: many times quicker than to ask it for each pixel.
+    table = np.append((colormap(np.arange(colormap.N))[:, :3] * 255).round().astype(np.uint8), [BLACK], axis=0)
     share = np.clip((np.nan_to_num(values) - lower) / (upper - lower), 0, 1)
-    colors = (matplotlib.colormaps[layer.colormap](share)[..., :3] * 255).round().astype(np.uint8)
-    colors[~np.isfinite(values)] = BLACK
-    return colors
+    index = np.minimum((share * colormap.N).astype(np.int32), colormap.N - 1)
+    return table[np.where(np.isfinite(values), index, colormap.N)].astype(np.uint8)

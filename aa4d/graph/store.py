@@ -7,6 +7,7 @@ alone tells what it is, so that results may be renamed, or moved to another such
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 from collections.abc import Iterator, Mapping
@@ -52,8 +53,8 @@ class Store:
         kind, folder = kind_of(task.kind), self.folder(task)
         if kind.kept is not None:
             return kind.kept(task, folder)
-        record = self._record(folder)
-        if record is None or record.get("identity") != task.identity.as_json() or record["made_from"] != contents:
+        record = _record(_beside(folder, ".json"))
+        if record is None or record["identity"] != task.identity.as_json() or record["made_from"] != contents:
             return None
         files = record["files"]
         if not all(_is_as_made(folder / name, *entry) for name, entry in files.items()):
@@ -63,20 +64,14 @@ class Store:
     def edited(self, task: Task) -> Path | None:
         """What of a task's result is not as it was made; None where it was never made, or is as it was made."""
         folder = self.folder(task)
-        record = _read(_beside(folder, ".json"))
-        if record is None or record.get("identity") != task.identity.as_json():
+        path = _beside(folder, ".json")
+        if (_read(path) or {}).get("identity") != task.identity.as_json():
             return None
-        if self._record(folder) is None:
-            return _beside(folder, ".json")
+        record = _record(path)
+        if record is None:
+            return path
         wrong = (folder / name for name, entry in record["files"].items() if not _is_as_made(folder / name, *entry))
         return next(wrong, None)
-
-    def _record(self, folder: Path) -> dict[str, Any] | None:
-        """None where there is none, or somebody has changed it."""
-        record = _read(_beside(folder, ".json"))
-        if record is None or record.pop("sum", None) != digest_of(record):
-            return None
-        return record
 
     @contextmanager
     def making(self, task: Task) -> Iterator[Path]:
@@ -94,8 +89,8 @@ class Store:
 
     def spent(self, task: Task) -> float:
         """Seconds of interrupted tries."""
-        record = _read(_beside(self.folder(task), ".part.json")) or {}
-        return float(record.get("seconds", 0.0))
+        seconds = (_read(_beside(self.folder(task), ".part.json")) or {}).get("seconds")
+        return seconds if isinstance(seconds, float) and 0 <= seconds < math.inf else 0.0
 
     def interrupted(self, task: Task, seconds: float) -> None:
         """Remember how long the tries took, for the seconds of the result."""
@@ -123,23 +118,31 @@ class Store:
             "alike": task.alike,
             "files": files,
         }
-        _beside(folder, ".json").unlink(missing_ok=True)
+        # In this order: killed in between, the next try finds all in the unfinished folder, and has little to do.
+        write_json(_beside(folder, ".json"), record | {"sum": digest_of(record)})
         shutil.rmtree(folder, ignore_errors=True)
         part.replace(folder)
-        write_json(_beside(folder, ".json"), record | {"sum": digest_of(record)})
         _beside(folder, ".part.json").unlink(missing_ok=True)
         return Kept(result, record["seconds"], _content(files, result))
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Those of all results that are there."""
         for path in sorted(self.root.glob("*/*.json")) + sorted(self.root.glob("*.json")):
-            record = _read(path)
-            if record is not None and {"identity", "seconds", "units", "alike"} <= record.keys():
+            if (record := _record(path)) is not None:
                 yield record
 
 
 def _beside(folder: Path, ending: str) -> Path:
     return folder.with_name(folder.name + ending)
+
+
+def _record(path: Path) -> dict[str, Any] | None:
+    """None where there is none, or somebody has changed it."""
+    record = _read(path)
+    try:
+        return None if record is None or record.pop("sum", None) != digest_of(record) else record
+    except ValueError:  # a number that is none
+        return None
 
 
 def _read(path: Path) -> dict[str, Any] | None:

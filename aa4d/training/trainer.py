@@ -18,6 +18,7 @@ from aa4d.capture.reader import Capture
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.image_metrics import decibels
+from aa4d.field.mlp import use_arithmetic
 from aa4d.files import write_text
 from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.methods import method_of
@@ -123,10 +124,12 @@ class Run:
         self.movers = None if settings.motion is None else Movers(settings.motion, frames, out)
         self.model_path = out / "model.safetensors"
         self.checkpoint_path = out / "checkpoint.safetensors"
+        self.identity = run_identity(description_of(frames.capture, settings))
 
     def initial_state(self) -> TrainingState:
         # Drawn on the CPU, whatever the device.
         model = self.method.initial(self.settings, self.frames.beginning()).to(self.frames.device)
+        use_arithmetic(model, self.settings.arithmetic)
         first = self.schedule.stages[0]
         optimiser = make_optimiser(model, self.settings.rates, canonical=first.canonical)
         statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
@@ -148,8 +151,11 @@ class Run:
         """That of the checkpoint, or the initial one where there is none."""
         if not self.checkpoint_path.exists():
             return self.initial_state()
-        device = self.frames.device
-        return load_checkpoint(self.checkpoint_path, self.settings, device, self._poses(), self._exposures())
+        own, device = self.identity.digest(), self.frames.device
+        poses, exposures = self._poses(), self._exposures()
+        state = load_checkpoint(self.checkpoint_path, self.settings, device, poses, exposures, run=own)
+        use_arithmetic(state.model, self.settings.arithmetic)
+        return state
 
     def is_finished(self, state: TrainingState) -> bool:
         last = self.schedule.stages[-1]
@@ -197,13 +203,13 @@ class Run:
         model = state.model
         self.method.enter(stage, model, self.settings)
         if stage is self.schedule.first_moving:
-            self._save_model(state, self.out / "coarse.safetensors")
+            self.write_model(state, self.out / "coarse.safetensors")
             if self.movers is not None:
                 self.movers.ride(model, self.settings, say)
         state.stage, state.iteration = stage.name, 0
         state.optimiser = make_optimiser(model, self.settings.rates, canonical=stage.canonical)
         state.statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
-        save_checkpoint(self.checkpoint_path, state)
+        save_checkpoint(self.checkpoint_path, state, self.identity.digest())
 
     def _stage(self, state: TrainingState, progress: Progress, history: History, stop_requested: StopRequest) -> None:
         total = self.schedule[state.stage].iterations
@@ -346,7 +352,7 @@ class Run:
     def _save(self, state: TrainingState, history: History) -> None:
         """The model first: where the checkpoint says that training is over, the model file is the final one."""
         check_finite(state.optimiser, "a parameter")
-        self._save_model(state, self.model_path)
+        self.write_model(state, self.model_path)
         self._save_checkpoint(state, history)
 
     def _save_checkpoint(self, state: TrainingState, history: History) -> None:
@@ -358,9 +364,10 @@ class Run:
                 view = self.frames.views[0]
                 image, target = self._render(state, view).rendering.color, view.target()
         history.write(self.steps(state), image, target)
-        save_checkpoint(self.checkpoint_path, state)
+        save_checkpoint(self.checkpoint_path, state, self.identity.digest())
 
-    def _save_model(self, state: TrainingState, path: Path) -> None:
+    def write_model(self, state: TrainingState, path: Path) -> None:
+        """The model of a moment, as a file that every command reads."""
         capture = self.frames.capture
         training: dict[str, Any] = {
             "preset": self.settings.preset,
@@ -384,7 +391,7 @@ class Run:
             frame=self.frames.frame,
             background=(red, green, blue),
             training=training,
-            run=run_identity(description_of(capture, self.settings)),
+            run=self.identity,
         )
 
     def diagnosis(self, state: TrainingState, found: NotFinite, say: Say) -> str:

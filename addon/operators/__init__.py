@@ -7,11 +7,12 @@ import bpy
 from . import inspection
 from .baking import Bake, FreeBake
 from .compositing import SetUpCompositing
-from .exporting import ExportPly, ExportUsd
+from .exporting import ExportCameraPath, ExportPly, ExportUsd
 from .importing import ImportModel, ModelFileHandler
 from .inspection import AddGrid, FitLegend, LabelActivity, MeasureSelection
 from .linking import Relink
 from .matching import MatchParts
+from .picture import TrainedPicture
 from .viewing import FreezeView
 
 PRESETS = str(Path(__file__).parent.parent)  # the folder that holds presets/operator/...
@@ -23,6 +24,7 @@ CLASSES = (
     Relink,
     MatchParts,
     FreezeView,
+    TrainedPicture,
     FitLegend,
     MeasureSelection,
     AddGrid,
@@ -30,6 +32,7 @@ CLASSES = (
     SetUpCompositing,
     ExportPly,
     ExportUsd,
+    ExportCameraPath,
     ModelFileHandler,
 )
 
@@ -41,6 +44,7 @@ def _import_entry(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
 def _export_entries(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(ExportPly.bl_idname, text="AdaAnchor4D Splats (.ply)")
     self.layout.operator(ExportUsd.bl_idname, text="AdaAnchor4D Points (.usdc)")
+    self.layout.operator(ExportCameraPath.bl_idname, text="AdaAnchor4D Camera Path (.json)")
 
 
 def register() -> None:

@@ -1,4 +1,4 @@
-"""Out again: splats and USD."""
+"""Out again: splats, USD, and the flight of a camera."""
 
 from pathlib import Path
 
@@ -6,7 +6,8 @@ import bpy
 from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ExportHelper
 
-from .. import exporter
+from .. import camera_path, exporter, parts
+from ..container import ModelFileError
 from .on_imported import OnImportedObject
 
 
@@ -92,4 +93,36 @@ class ExportUsd(_Export, bpy.types.Operator):
             for other in selected:
                 other.select_set(True)
             context.view_layer.objects.active = obj
+        return {"FINISHED"}
+
+
+class ExportCameraPath(_Export, bpy.types.Operator):
+    """Export the flight of the scene's camera around the active import, for aa4d render --path"""
+
+    bl_idname = "aa4d.export_camera_path"
+    bl_label = "Export Camera Path"
+    filename_ext = ".json"
+    filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})  # type: ignore[valid-type]
+    use_range: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Frame Range",
+        description="Export a view for every frame of the scene's range, not for the current one alone",
+        default=True,
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There must be a camera."""
+        if context.scene.camera is not None:
+            return super().poll(context)
+        cls.poll_message_set("The scene has no camera")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Export the scene's camera."""
+        try:
+            frames = self.frames(context.scene)
+            camera_path.write(self.target((self.filename_ext,)), parts.lead(context.active_object), context, frames)
+        except (OSError, ModelFileError) as error:
+            return self.failed(error)
+        self.report({"INFO"}, translated("Wrote {} views").format(len(frames)))
         return {"FINISHED"}

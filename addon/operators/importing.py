@@ -6,14 +6,14 @@ import bpy
 from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ImportHelper
 
-from .. import bake, first_sight, importer, look_nodes, parts, properties
+from .. import bake, first_sight, importer, look_nodes, names, parts, properties
 from ..container import ModelFileError
 from ..scene import has_cycles
 from .baking import bake_now
 
 AUTOMATIC = "AUTOMATIC"
 LOOK_ITEMS = (
-    (AUTOMATIC, "Automatic", "Points for anchors, Gaussians for Gaussians"),
+    (AUTOMATIC, "Automatic", "Points for anchors; for Gaussians splats of Blender's own where it has them"),
     *((look, look, description) for look, description in look_nodes.LOOKS.items()),
 )
 
@@ -31,6 +31,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         name="Carrier",
         description="What the points stand for; a track file has Gaussians alone",
         items=properties.CARRIER_ITEMS,
+        default=names.GAUSSIANS if look_nodes.SPLATS_KNOWN else names.ANCHORS,
     )
     look: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Look", description="How the points are drawn; the modifier changes it at any time", items=LOOK_ITEMS
@@ -57,6 +58,11 @@ class ImportModel(bpy.types.Operator, ImportHelper):
     set_up_scene: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Set Up Scene",
         description="Also set what shows the trained colours: camera, Cycles, Standard view transform, background",
+        default=False,
+    )
+    trained_picture: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Trained Picture",
+        description="Render what aa4d render draws: sRGB values are blended, as in training. The panel switches it",
         default=False,
     )
     vehicles: bpy.props.BoolProperty(  # type: ignore[valid-type]
@@ -104,6 +110,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             self.background_frames,
             self.set_timeline,
             self.set_up_scene,
+            self.trained_picture,
             self.vehicles,
             self.largest,
         )
@@ -123,7 +130,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             first_sight.show(context, together, imported.clip)
         message = translated("Imported {:,} points over {} frames; Material Preview shows their colours")
         count = sum(len(part.data.vertices) for part in together)
-        text = message.format(count, imported.clip.frame_count)
+        text = message.format(count, len(imported.clip.images))
         if len(together) > 1:
             text += translated("; {} vehicles").format(len(together) - 1)
         if imported.stretch != 1:

@@ -16,7 +16,8 @@ WIDTHS = {
 
 
 def imported(bpy: Any, path: Path, **options: Any) -> Any:
-    """Import through the operator; the new points, active."""
+    """Import through the operator, the anchors unless told otherwise; the new points, active."""
+    options = {"carrier": "ANCHORS", **options}
     assert bpy.ops.aa4d.import_model(filepath=str(path), **options) == {"FINISHED"}
     return bpy.context.active_object
 

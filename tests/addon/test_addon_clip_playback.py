@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from driving import attribute, clip_positions, go_to, imported, input_path, played, set_input, srgb
+from model_files import make_model, write_model
 
 FRAMES = 5
 TIME = "AdaAnchor4D Time"
@@ -171,3 +172,25 @@ def test_baked_view_follows_the_animated_camera(bpy: Any, model_path: Path) -> N
     for frame, expected in zip((1, 3, 5), live, strict=True):
         go_to(bpy, frame)
         np.testing.assert_allclose(srgb(played(bpy, obj)["aa_color"][:, :3]), expected, atol=1.01 / 255)
+
+
+def test_frames_are_quick_while_the_timeline_plays_and_exact_where_it_stops(
+    bpy: Any, extension: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    playback = importlib.import_module(f"{extension}.playback")
+    obj = imported(bpy, write_model(tmp_path / "model.safetensors", *make_model(60, 40)))
+    go_to(bpy, 13)
+    exact = attribute(obj.data, "position")
+    monkeypatch.setattr(playback, "is_playing", lambda: True)
+    go_to(bpy, 12)
+    go_to(bpy, 13)
+    played = attribute(obj.data, "position")
+    assert 0 < np.abs(played - exact).max() < 0.02 * np.ptp(exact, axis=0).max()
+    assert not playback.quick_errors_m
+    monkeypatch.setattr(playback, "is_playing", lambda: False)
+    for stopped in bpy.app.handlers.animation_playback_post:
+        if stopped.__module__.startswith(extension):
+            stopped(bpy.context.scene)
+    np.testing.assert_array_equal(attribute(obj.data, "position"), exact)
+    off = np.linalg.norm(played - exact, axis=1)
+    assert 0 < playback.quick_errors_m[obj.session_uid] <= off.max()

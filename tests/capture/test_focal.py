@@ -12,8 +12,8 @@ import pycolmap
 import pytest
 
 from aa4d.capture import focal
-from aa4d.capture.advice import field_of_view_advice
-from aa4d.capture.focal import Start, Tried, best_of, find_start, probed_frames, rivals
+from aa4d.capture.advice import field_of_view_advice, stated_field_of_view_advice
+from aa4d.capture.focal import Start, Tried, best_of, find_start, held_and_freed, probed_frames, rivals
 from aa4d.capture.selfcheck import standing_out
 from aa4d.capture.settings import PRESETS
 
@@ -57,16 +57,21 @@ def fov_in(path: Path) -> float:
 
 
 def start_of(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, found: dict[int, Any], globally: Any, stated: bool = False
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    found: dict[int, Any],
+    globally: Any,
+    stated: bool = False,
+    names: list[str] = NAMES,
 ) -> Start:
     monkeypatch.setattr(focal, "map_globally", lambda *_: globally)
 
     def map_part(path: Path, part: list[str], _: Path) -> Any:
-        assert part == probed_frames(NAMES, 3)
+        assert part == probed_frames(names, 3)
         return None if (made := found.get(round(fov_in(path)))) is None else Model(*made)
 
     given, settings = database(folder / "database.db", stated), replace(PRESETS["fast"], window=3)
-    return find_start(given, folder, NAMES, settings, 0, 1, folder, map_part, lambda model: model.fov_deg < 120)
+    return find_start(given, folder, names, settings, 0, 1, folder, map_part, lambda model: model.fov_deg < 120)
 
 
 def test_a_local_minimum_is_left_for_a_better_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,6 +88,17 @@ def test_without_a_global_mapper_all_starts_are_tried(tmp_path: Path, monkeypatc
     start = start_of(tmp_path, monkeypatch, FOUND, None)
     assert [t.start for t in start.tried] == [f"{d} degrees" for d in (64, 30, 45, 75, 95)]
     assert start.tried[start.chosen].fov_deg == pytest.approx(60)
+
+
+@pytest.mark.parametrize("frames", [3, 9])
+def test_a_clip_of_few_frames_is_tried_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
+    start = start_of(tmp_path, monkeypatch, FOUND, None, names=NAMES[:frames])
+    assert start.probed == frames
+    assert start.tried[start.chosen].fov_deg == pytest.approx(60)
+
+
+def test_two_frames_are_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert start_of(tmp_path, monkeypatch, FOUND, None, names=NAMES[:2]) == Start(tmp_path / "database.db")
 
 
 def test_where_the_usual_start_is_as_good_nothing_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,3 +148,56 @@ def test_frames_that_stand_out_are_found() -> None:
     errors = dict.fromkeys(names, 0.4) | {"3": 2.1}
     assert standing_out(names, viewmats, errors, 1.0) == ["3", "7", "8"]
     assert standing_out(names[:7], viewmats[:7], dict.fromkeys(names[:7], 0.4), 1.0) == []
+
+
+def flight(stated_deg: float, heights_m: float) -> pycolmap.Reconstruction:
+    """A clip of 60 degrees, 0.3 px of noise, mapped with a stated field of view that adjustment had to hold.
+
+    The drone flies an arc and looks down at 35 degrees on ground with boxes up to `heights_m`.
+    """
+    random = np.random.default_rng(0)
+    points = np.column_stack([random.uniform(-60, 60, (400, 2)), random.uniform(0, heights_m, 400)])
+    true_px, stated_px = (0.5 * WIDTH / math.tan(math.radians(degrees) / 2) for degrees in (60.0, stated_deg))
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera(model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, params=[stated_px, 640, 360, 0])
+    camera.camera_id = 1
+    model.add_camera_with_trivial_rig(camera)
+    tracks: dict[int, pycolmap.Track] = {i: pycolmap.Track() for i in range(len(points))}
+    for frame in range(12):
+        angle = math.radians(4 * frame)
+        center = np.array([90 * math.sin(angle), -90 * math.cos(angle), 60.0])
+        forward = -center / np.linalg.norm(center)
+        right = np.cross(forward, [0, 0, 1])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        seen = (points - center) @ rotation.T
+        pixels = true_px * seen[:, :2] / seen[:, 2:] + [640, 360] + random.normal(0, 0.3, (len(points), 2))
+        image = pycolmap.Image(name=NAMES[frame], keypoints=pixels, camera_id=1, image_id=frame + 1)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ center)
+        model.add_image_with_trivial_frame(image, pose)
+        for i, track in tracks.items():
+            track.add_element(frame + 1, i)
+    for i, track in tracks.items():
+        model.add_point3D(points[i], track, np.zeros(3, np.uint8))
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = False
+    options.print_summary = False
+    pycolmap.bundle_adjustment(model, options)
+    model.update_point_3d_errors()
+    return model
+
+
+@pytest.mark.parametrize("stated_deg", [40.0, 75.0])
+def test_a_stated_field_of_view_that_the_frames_contradict_is_questioned(stated_deg: float) -> None:
+    held, freed = held_and_freed(flight(stated_deg, 30.0), threads=1)
+    assert held.fov_deg == pytest.approx(stated_deg)
+    assert freed.fov_deg == pytest.approx(60, abs=2)
+    assert freed.error_px == pytest.approx(0.36, abs=0.05)  # the mean length of noise in two directions
+    (said,) = stated_field_of_view_advice(held, freed)
+    assert said.what.startswith(f"--fov {stated_deg:.0f} contradicts the frames: it explains them to ")
+    assert f", and {freed.fov_deg:.0f} degrees would to 0." in said.what
+
+
+@pytest.mark.parametrize(("stated_deg", "heights_m"), [(60.0, 30.0), (62.0, 30.0), (60.0, 0.0)])
+def test_a_right_one_is_not_and_one_that_flat_ground_hardly_tells_neither(stated_deg: float, heights_m: float) -> None:
+    assert stated_field_of_view_advice(*held_and_freed(flight(stated_deg, heights_m), threads=1)) == []

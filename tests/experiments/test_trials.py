@@ -209,3 +209,15 @@ def test_a_stopped_or_killed_sweep_leaves_no_process_and_continues(
     assert result.returncode == 0, result.stderr
     assert (out / "table.md").read_text().count("±") == 0
     assert len((out / "table.md").read_text().splitlines()) == 7
+
+
+def test_a_process_whose_starter_was_killed_before_it_began_ends(tmp_path: Path) -> None:
+    program = """
+import multiprocessing, time, types
+from aa4d.graph.engines import processes
+multiprocessing.parent_process = lambda: types.SimpleNamespace(pid=1)  # not the parent any more
+processes.attempt = lambda *_: time.sleep(300)
+processes._work(None, types.SimpleNamespace(send=print))
+"""
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, timeout=120, check=False)
+    assert ended.returncode == 1

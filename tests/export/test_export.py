@@ -20,7 +20,17 @@ from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
 from aa4d.evaluation.views import as_picture
 from aa4d.export import EXPORTERS, export
-from aa4d.export.clip import FAINTEST, VIEWER, Clip, WorldGaussians, mean_eye, turned, world_gaussians
+from aa4d.export.clip import (
+    FAINTEST,
+    VIEWER,
+    Clip,
+    WorldGaussians,
+    every_gaussian,
+    mean_eye,
+    turned,
+    world_gaussians,
+)
+from aa4d.export.origin import geographic_origin
 from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
 from aa4d.export.usd_points import linear
 from aa4d.filming.camera_path import View, looking_at, path_of_frames, resampled, with_time
@@ -75,7 +85,7 @@ def test_splats_look_like_the_model(clip: Clip, tmp_path: Path, axes: str) -> No
     export(replace(clip, axes=axes), "ply", tmp_path / "out", silent)
     turn = np.eye(3) if axes == "world" else VIEWER.as_matrix()
     for view in clip.path.views:
-        shown = seen_in_metres(read_splats(tmp_path / f"out/{view.name}.ply"), clip.loaded, view, turn)
+        shown = seen_in_metres(read_splats(tmp_path / f"out/clip_{view.name}.ply"), clip.loaded, view, turn)
         expected = draw(clip.loaded, view, clip.loaded.camera, ["color"]).color
         difference = np.abs(shown.astype(int) - expected.astype(int))
         assert difference.mean() < 0.1
@@ -169,7 +179,7 @@ def usd_of(run: Path, out: Path, views: str = "held-out") -> dict[str, Any]:
     """In processes of their own: Blender, which other tests load, brings a USD that is not to meet this one."""
     if find_spec("pxr") is None:
         pytest.skip("usd-core is not installed: pip install aa4d[export]")
-    arguments = ("export", str(run), "--format", "usd", "--views", views, "--out", str(out))
+    arguments = ("export", str(run), "--format", "usd-points", "--views", views, "--out", str(out))
     subprocess.run([sys.executable, "-m", "aa4d.cli", *arguments], check=True, timeout=120)
     read = subprocess.run(
         [sys.executable, "-c", READ_USD, str(out / "points.usdc")],
@@ -207,7 +217,8 @@ def test_riders_are_exported_where_they_are_and_absent_groups_are_left_out(toy_r
     np.testing.assert_allclose(moved[~rides], 0, atol=1e-3)
     for name in ("points", "ply"):
         export(clip, name, tmp_path / name, silent)
-        vertex = PlyData.read(str(tmp_path / name / "000008.ply"))["vertex"].data
+        prefix = "clip_" if name == "ply" else ""
+        vertex = PlyData.read(str(tmp_path / name / f"{prefix}000008.ply"))["vertex"].data
         np.testing.assert_allclose(np.stack([vertex[n] for n in "xyz"], 1), later.means, atol=1e-4)
         # The layout of splats is fixed; that of points is free.
         assert ("group" in (vertex.dtype.names or ())) == (name == "points")
@@ -291,6 +302,54 @@ def test_4dgs_shows_each_frame_at_its_own_second(toy_run: Path, tmp_path: Path) 
         assert away.max() < 0.2  # what rides moves 12 / 9 m from one frame to the next
 
 
+READ_USD_SPLATS = """
+import json, sys
+from pxr import Usd, UsdGeom, UsdVol
+stage = Usd.Stage.Open(sys.argv[1])
+splats = UsdVol.ParticleField3DGaussianSplat(stage.GetDefaultPrim().GetChildren()[0])
+codes = splats.GetPositionsAttr().GetTimeSamples()
+def rows(values):
+    return [list(v) for v in values]
+print(json.dumps({
+    "type": splats.GetPrim().GetTypeName(), "up": UsdGeom.GetStageUpAxis(stage), "codes": codes,
+    "degree": splats.GetRadianceSphericalHarmonicsDegreeAttr().Get(),
+    "positions": [rows(splats.GetPositionsAttr().Get(t)) for t in (codes[0], codes[4], codes[-1])],
+    "between": rows(splats.GetPositionsAttr().Get(0.5 * (codes[4] + codes[5]))),
+    "next": rows(splats.GetPositionsAttr().Get(codes[5])),
+    "scales": rows(splats.GetScalesAttr().Get(codes[4])),
+    "rotations": [[q.GetReal(), *q.GetImaginary()] for q in splats.GetOrientationsAttr().Get(codes[4])],
+    "opacities": list(splats.GetOpacitiesAttr().Get(codes[4])),
+    "harmonics": rows(splats.GetRadianceSphericalHarmonicsCoefficientsAttr().Get(codes[4])),
+}))
+"""
+
+
+def test_usd_plays_splats_that_have_every_attribute_of_the_model(toy_run: Path, tmp_path: Path) -> None:
+    """Positions at three times, and between two; in processes of their own, as `usd_of`."""
+    if find_spec("pxr") is None:
+        pytest.skip("usd-core is not installed: pip install aa4d[export]")
+    out = tmp_path / "out"
+    command = ("export", str(toy_run), "--format", "usd", "--out", str(out))
+    subprocess.run([sys.executable, "-m", "aa4d.cli", *command], check=True, timeout=120)
+    reader = [sys.executable, "-c", READ_USD_SPLATS, str(out / "splats.usdc")]
+    stage = json.loads(subprocess.run(reader, check=True, capture_output=True, text=True, timeout=120).stdout)
+    loaded = load_model(toy_run / "model.safetensors")
+    clip = Clip(loaded, path_of_frames(loaded, "all"), None)
+    assert (stage["type"], stage["up"], stage["degree"]) == ("ParticleField3DGaussianSplat", "Z", 0)
+    assert np.array(stage["codes"]) / clip.path.fps == pytest.approx([clip.seconds(i) for i in range(len(clip))])
+    ids = np.array(sorted({int(i) for index in range(len(clip)) for i in clip.gaussians(index).ids}))
+    for place, index in enumerate((0, 4, 9)):
+        g = every_gaussian(loaded, clip.path.views[index].t, clip.eye_at(index))
+        np.testing.assert_allclose(stage["positions"][place], g.means[ids], atol=1e-4)
+    g = every_gaussian(loaded, clip.path.views[4].t, clip.eye_at(4))
+    np.testing.assert_allclose(stage["scales"], g.scales[ids], rtol=1e-4)
+    np.testing.assert_allclose(np.abs((stage["rotations"] * g.quaternions[ids]).sum(axis=1)), 1, atol=1e-5)
+    np.testing.assert_allclose(stage["opacities"], np.where(g.opacities >= FAINTEST, g.opacities, 0)[ids], atol=1e-6)
+    np.testing.assert_allclose(0.5 + SH_CONSTANT * np.array(stage["harmonics"]), g.colors[ids], atol=1e-5)
+    middle = (np.array(stage["positions"][1]) + np.array(stage["next"])) / 2
+    np.testing.assert_allclose(stage["between"], middle, atol=1e-4)
+
+
 def test_usd_plays_the_points(clip: Clip, tmp_path: Path) -> None:
     stage = usd_of(clip.loaded.path.parent, tmp_path / "out")
     assert (stage["up"], stage["metres"], stage["end"]) == ("Z", 1.0, 1.0)
@@ -318,6 +377,12 @@ def test_4dgs_holds_every_view_and_moves_between_them(loaded: LoadedModel, tmp_p
     path = tmp_path / "out/scene.4dgs"
     checked = subprocess.run([sys.executable, "-m", "fourdgs.cli", "validate", str(path)], capture_output=True)
     assert checked.returncode == 0, checked.stdout + checked.stderr
+    # Its own converters place it without being told its axes.
+    for command, name in (("to-usd", "one.usda"), ("to-gltf", "one.glb")):
+        arguments = [sys.executable, "-m", "fourdgs.cli", command, str(path), "-o", str(tmp_path / name)]
+        converted = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
+        assert converted.returncode == 0, converted.stderr
+        assert (tmp_path / name).stat().st_size > 1000
     scene = fourdgs.read(str(path))
     assert scene.duration_sec == pytest.approx(clip.seconds(4))
     assert scene.provenance.frame.metres_per_unit == 1
@@ -355,22 +420,23 @@ def test_between_two_views_a_gaussian_moves_straight_and_a_vanishing_one_stays()
 
 @pytest.mark.parametrize("name", ["ply", "points"])
 def test_a_stopped_export_continues(clip: Clip, tmp_path: Path, name: str) -> None:
-    out = tmp_path / "out"
+    out, prefix = tmp_path / "out", "clip_" if name == "ply" else ""
 
     def stop(_done: int, _total: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         export(clip, name, out, stop)
-    assert sorted(p.name for p in out.iterdir()) == ["000000.ply", "export.json"]
-    kept = (out / "000000.ply").stat().st_mtime_ns
+    assert sorted(p.name for p in out.iterdir()) == [f"{prefix}000000.ply", "export.json"]
+    kept = (out / f"{prefix}000000.ply").stat().st_mtime_ns
     export(clip, name, out, silent)
-    assert (out / "000000.ply").stat().st_mtime_ns == kept
-    assert sorted(p.name for p in out.iterdir()) == ["000000.ply", "000008.ply", "export.json"]
+    assert (out / f"{prefix}000000.ply").stat().st_mtime_ns == kept
+    assert sorted(p.name for p in out.iterdir()) == [f"{prefix}000000.ply", f"{prefix}000008.ply", "export.json"]
     settings = json.loads((out / "export.json").read_text())
     assert settings["exporter"] == name
     assert settings["identity"]["made_from"] == {"model": clip.loaded.identity.digest()}
-    (comment,) = PlyData.read(str(out / "000008.ply")).comments
+    *others, comment = PlyData.read(str(out / f"{prefix}000008.ply")).comments
+    assert others == (["SplatRenderMode: default"] if name == "ply" else [])
     assert json.loads(comment.removeprefix("aa4d ")) == settings["identity"]
     of_old = {key: value for key, value in settings.items() if key != "identity"}
     (out / "export.json").write_text(json.dumps(of_old))
@@ -379,6 +445,24 @@ def test_a_stopped_export_continues(clip: Clip, tmp_path: Path, name: str) -> No
     with pytest.raises(InputError, match="holds an export with other settings"):
         export(clip, name, out, silent)
     assert [v["t"] for v in settings["views"]] == [v.t for v in clip.path.views]
+
+
+def test_where_on_earth_it_is_goes_along_while_the_capture_knows(toy_run: Path, tmp_path: Path) -> None:
+    origin = {"latitude_deg": 52.5, "longitude_deg": 13.4, "altitude_m": 34.0}
+    capture = tmp_path / "capture"
+    capture.mkdir()
+    loaded = replace(load_model(toy_run / "model.safetensors"), capture_folder=capture)
+    for world, expected in ((origin, origin), (origin | {"altitude_m": "high"}, None), (None, None)):
+        (capture / "capture.json").write_text(json.dumps({"generator": {"world": {"origin": world}}}))
+        assert geographic_origin(loaded) == expected
+    (capture / "capture.json").write_text(json.dumps({"generator": {"world": {"origin": origin}}}))
+    clip = Clip(loaded, path_of_frames(loaded, "held-out"), None)
+    export(clip, "ply", tmp_path / "ply", silent)
+    comments = PlyData.read(str(tmp_path / "ply/clip_000000.ply")).comments
+    assert json.loads(comments[1].removeprefix("geographic origin ")) == origin
+    (capture / "capture.json").unlink()
+    assert geographic_origin(loaded) is None
+    export(clip, "ply", tmp_path / "ply", silent)  # goes on all the same
 
 
 def test_another_export_or_folder_is_not_written_into(clip: Clip, tmp_path: Path) -> None:
@@ -398,7 +482,7 @@ def test_a_format_that_states_its_axes_has_no_choice(clip: Clip, tmp_path: Path,
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("name", "module"), [("4dgs", "fourdgs"), ("usd", "pxr")])
+@pytest.mark.parametrize(("name", "module"), [("4dgs", "fourdgs"), ("usd", "pxr"), ("usd-points", "pxr")])
 def test_a_missing_package_is_named(
     clip: Clip, tmp_path: Path, name: str, module: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -415,7 +499,7 @@ def test_a_real_splat_tool_reads_the_same_splats(clip: Clip, tmp_path: Path) -> 
     if npx is None:
         pytest.skip("npx is not installed")
     export(clip, "ply", tmp_path / "out", silent)
-    source, table, viewer = tmp_path / "out/000008.ply", tmp_path / "read.csv", tmp_path / "view.html"
+    source, table, viewer = tmp_path / "out/clip_000008.ply", tmp_path / "read.csv", tmp_path / "view.html"
     command = [npx, "--yes", "@playcanvas/splat-transform"]
     if subprocess.run([*command, "--version"], capture_output=True, timeout=300).returncode:
         pytest.skip("the npm package @playcanvas/splat-transform cannot be had")

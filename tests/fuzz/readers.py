@@ -22,7 +22,7 @@ from aa4d.capture.gnss import read_subtitles
 from aa4d.capture.reader import read_capture
 from aa4d.capture.sources.transforms import read_transforms
 from aa4d.errors import InputError
-from aa4d.experiments.kinds.trial import kept
+from aa4d.experiments.kinds.trial import KIND as TRIAL_KIND
 from aa4d.experiments.tables import cells, columns_of, lines_of
 from aa4d.experiments.trials import Trial, claim, task_of, trials_of
 from aa4d.experiments.variants import SWEEPS
@@ -248,12 +248,12 @@ def write_trial(folder: Folder) -> None:
 
 
 def read_trial(path: Path) -> Any:
-    root = path.parents[3]
-    trial = _trials(root)[0]
-    found = kept(task_of(trial, _toy_capture(), root), trial.out)
-    if found is None:
+    trial = _trials(path.parents[3])[0]
+    assert TRIAL_KIND.kept is not None
+    kept = TRIAL_KIND.kept(task_of(trial, _toy_capture(), path.parents[3]), trial.out)
+    if kept is None:
         return None
-    row = found.result
+    row = kept.result
     return (row, [cells(line, columns_of([row])) for line in lines_of(SWEEPS["gamma"], [row])])
 
 

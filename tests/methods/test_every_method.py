@@ -23,6 +23,9 @@ from aa4d.methods import DEFAULT, METHODS, method_of
 from aa4d.methods.model_file import load_model, read_tensors
 from aa4d.methods.settings import RunSettings, with_iterations
 from aa4d.training.trainer import train
+from aa4d.viewer.cameras import Eye
+from aa4d.viewer.following import Followed
+from aa4d.viewer.pictures import LAYER_NAMES, Painter, Wanted
 from tests.toy_capture import write_toy_capture
 
 ROOT = Path(__file__).parents[2]
@@ -117,6 +120,18 @@ def test_it_is_filmed_with_every_layer_that_asks_for_nothing_more(run: Path, tmp
     path, layers = path_of_frames(loaded, "held-out"), ["color", "depth", "motion", "speed"]
     film(loaded, path, layers, tmp_path, video=False, progress=silent)
     assert len(list((tmp_path / "motion").glob("*.png"))) == 2
+
+
+def test_it_is_shown_by_the_viewer_with_every_layer_that_it_has(run: Path) -> None:
+    shown = Followed(run, None).load()
+    frame = shown.loaded.frames[2]
+    for layer in LAYER_NAMES:
+        wanted = Wanted(Eye(frame.viewmat, 0.7), 1.5, frame.time_s, layer, ribbons=True)
+        picture = Painter().picture((shown,), wanted, 36, 24)
+        assert picture.pixels.std() > 0
+        assert bool(picture.notes) == (layer in shown.lacking)
+    assert {"activity", "movers"} >= shown.lacking.keys()
+    assert len(shown.ribbons) > 0
 
 
 def test_it_is_exported_in_every_format(run: Path, tmp_path: Path) -> None:

@@ -41,6 +41,7 @@ class TrialRun:
 
     @property
     def named(self) -> Row:
+        """What a row begins with."""
         return {"capture": self.capture.name, "variant": self.label, "seed": self.seed}
 
     @staticmethod
@@ -75,9 +76,7 @@ def kept(task: Task, folder: Path) -> Kept | None:
     except InputError:
         return None
     # A row of an older version says neither: its run's settings have just been compared.
-    if any(row.get(key, value) != value for key, value in trial.made_by.items()):
-        return None
-    if not _is_whole(row, trial):
+    if any(row.get(key, value) != value for key, value in trial.made_by.items()) or not _is_whole(row, trial):
         return None
     return Kept(row, row.get("training_seconds"), digest_of(row))
 

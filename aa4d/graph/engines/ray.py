@@ -114,8 +114,10 @@ class OnRay:
     def _ending(self, reference: Any, running: Running) -> Event | None:
         """How a task has ended; None where its worker died and why is to be found out."""
         errors, task = self._ray.exceptions, running.job.task
+        self._hear(running)
+        running.log.unlink(missing_ok=True)
         try:
-            event: Event = self._ray.get(reference)
+            event: Event = self._ray.get(reference, timeout=SAVED_WITHIN_S)
         except errors.OutOfMemoryError:
             return Failed(task, OUT_OF_MEMORY)
         except errors.TaskCancelledError:
@@ -124,7 +126,6 @@ class OnRay:
             return None
         except errors.RayError as error:
             return Failed(task, f"Ray: {str(error).strip().splitlines()[-1]}")
-        running.log.unlink(missing_ok=True)
         return event
 
     def _settle_doubts(self) -> None:

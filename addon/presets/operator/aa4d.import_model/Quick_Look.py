@@ -9,4 +9,5 @@ op.import_camera = True
 op.background_frames = True
 op.set_timeline = True
 op.set_up_scene = False
+op.trained_picture = False
 op.bake = False

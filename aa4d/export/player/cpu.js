@@ -1,0 +1,47 @@
+// The picture without a graphics processor: workers share out its rows.
+
+const MOST_WORKERS = 4;
+const MOST_PIXELS = 1280 * 720; // of a picture at rest; larger ones are enlarged
+
+class CpuPainter {
+  constructor(canvas, scene) {
+    Object.assign(this, { canvas, name: "the processor", most: MOST_PIXELS, onnews: null });
+    this.context = canvas.getContext("2d", { alpha: false });
+    const count = Math.min(Math.max(navigator.hardwareConcurrency || 1, 1), MOST_WORKERS);
+    this.workers = Array.from({ length: count }, (_, first) => {
+      const worker = startWorker(scene, ["place", "shape"]);
+      worker.onmessage = ({ data }) => this.#came(first, data.result);
+      return worker;
+    });
+    this.drawing = null; // the view that is being drawn
+    this.shown = null; // the view that is on the canvas
+    this.rows = [];
+  }
+
+  // A view that comes while another is drawn waits: the caller draws again at `onnews`.
+  draw(view) {
+    if (this.drawing || this.shown === view) return;
+    this.drawing = view;
+    this.rows = [];
+    const stride = this.workers.length;
+    this.workers.forEach((worker, first) =>
+      worker.postMessage({ what: "picture", t: view.t, matrix: view.matrix, lens: view.lens, first, stride }));
+  }
+
+  #came(first, bytes) {
+    this.rows[first] = bytes;
+    if (this.rows.filter(Boolean).length < this.workers.length) return;
+    const { width, height } = this.drawing.lens, stride = this.workers.length;
+    const image = new ImageData(width, height), line = 4 * width;
+    for (let y = 0; y < height; y++) {
+      const from = Math.floor(y / stride) * line;
+      image.data.set(this.rows[y % stride].subarray(from, from + line), y * line);
+    }
+    if (this.canvas.width !== width) this.canvas.width = width;
+    if (this.canvas.height !== height) this.canvas.height = height;
+    this.context.putImageData(image, 0, 0);
+    this.shown = this.drawing;
+    this.drawing = null;
+    this.onnews?.();
+  }
+}

@@ -1,0 +1,39 @@
+"""viser's server, at an address that is free, and without its tunnel."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import socket
+
+import viser
+
+from aa4d.errors import InputError
+
+
+class Server(viser.ViserServer):
+    """Without viser's tunnel: no page that finds this one can ask for it to be put on the internet."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002
+        return None
+
+
+def serve(host: str, port: int) -> Server:
+    """
+    Raises:
+        InputError: nothing can listen there.
+    """
+    _check_free(host, port)  # viser would take the next free port, and say so in passing
+    with contextlib.redirect_stdout(io.StringIO()):
+        return Server(host=host, port=port, label="aa4d view", verbose=False)
+
+
+def _check_free(host: str, port: int) -> None:
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except (OSError, OverflowError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{host}:{port}: cannot listen there ({reason}); choose another --port or --host") from None
