@@ -1,5 +1,6 @@
 """Out again: what the object shows, as 3DGS PLY files or as animated USD points."""
 
+import errno
 import math
 import os
 from collections.abc import Iterator, Sequence
@@ -9,7 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from . import modifiers, names, parts, points, snapshot, splat_ply, time_nodes
+from . import modifiers, names, parts, points, snapshot, splat_ply, time_nodes, usd_file
 from .node_tree import Tree, versioned_group
 
 NOTHING_SHOWN = "Nothing is shown: the filters and the crop let no point through."
@@ -78,8 +79,8 @@ def export_usd(obj: bpy.types.Object, context: bpy.types.Context, path: Path, fr
             export_materials=False,
             evaluation_mode="VIEWPORT",
         )
-        if not partial.is_file():
-            raise OSError(f"{path} could not be written; Blender's console says why.")
+        if not partial.is_file() or not usd_file.is_whole(partial):
+            raise OSError(errno.ENOSPC, "could not be written whole; free some space and export again", str(path))
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)

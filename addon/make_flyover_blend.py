@@ -21,6 +21,8 @@ from typing import Any
 SAMPLES = 16  # the materials only emit: samples smooth edges, there is no light to gather
 GAUSSIAN_SAMPLES = 4  # a sample passes through dozens of Gaussians; what noise is left, denoising takes out
 FAINTEST = 0.05  # the modifier's own default for Minimum Opacity
+SEEK_TABLE = bytes.fromhex("b1ea928f")  # ends a compressed .blend: Zstandard's seekable format
+IEND = bytes.fromhex("0000000049454e44ae426082")  # ends a PNG: its last chunk, empty, and that one's checksum
 REPOSITORY = "aa4d_flyover"
 SCRATCH_BYTES = 16 << 20  # for the unpacked extension and what Blender keeps beside it
 
@@ -150,22 +152,37 @@ def build_scene(options: argparse.Namespace) -> None:
                 view.shading.type = "MATERIAL"
                 view.shading.use_scene_world = True
                 view.clip_end = scene.camera.data.clip_end
-    out = options.out.resolve()
-    out.parent.mkdir(parents=True, exist_ok=True)
     bpy.context.preferences.filepaths.save_version = 0  # no flyover.blend1 beside it
-    bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True)  # to a temporary file, renamed when whole
+    with whole(options.out.resolve(), SEEK_TABLE) as partial:
+        bpy.ops.wm.save_as_mainfile(filepath=str(partial), compress=True)
     stop_if_asked()
     if options.render is not None:
-        picture = options.render.resolve()
-        partial = picture.with_name(f".{picture.stem}.part.png")
         scene.render.image_settings.file_format = "PNG"
-        scene.render.filepath = str(partial)
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        with whole(options.render.resolve(), IEND) as partial:
+            scene.render.filepath = str(partial)
             bpy.ops.render.render(write_still=True)
-            os.replace(partial, picture)
-        finally:
-            partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole(path: Path, ending: bytes) -> Iterator[Path]:
+    """A temporary file beside `path` for Blender to write; it replaces `path` if it ends as such files do.
+
+    Raises:
+        OSError: it does not. Blender says nothing where the disk was full.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.stem}.part{path.suffix}")  # what a killed process left is written over
+    try:
+        try:
+            yield partial
+        except RuntimeError as error:
+            reason = " ".join(str(error).split()).removeprefix("Error: ")
+            raise OSError(f"{path}: could not be written ({reason}); free some space and run again") from None
+        if not partial.is_file() or not partial.read_bytes().endswith(ending):
+            raise OSError(f"{path}: could not be written whole; free some space and run the same command again")
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def imported() -> list[Any]:

@@ -118,6 +118,10 @@ def claim(experiment: Experiment, trials: list[Trial], captures: dict[Path, Capt
         InputError: `out` holds something else, or runs with other settings or of other captures.
     """
     index = claim_folder(out, INDEX, {"experiment": experiment.name}, "the runs of an experiment")
+    before, found, earlier = index.get("captures", {}), index.get("training", {}), index.get("seeds", [])
+    are_tables = isinstance(before, dict) and isinstance(found, dict)
+    if not are_tables or not isinstance(earlier, list) or not all(type(seed) is int for seed in earlier):
+        raise InputError(f"{out / INDEX}: is damaged; delete it to go on with the runs that are there")
     # Through JSON, so that tuples and lists compare alike.
     base = replace(trials[0].base, seed=0)
     training, counts = json.loads(json.dumps([asdict(base), what_counts(base)]))
@@ -125,9 +129,6 @@ def claim(experiment: Experiment, trials: list[Trial], captures: dict[Path, Capt
     if different is not None:
         raise InputError(f"{out}: holds runs with another {different}; choose another --out, or delete that folder")
     named = {folder.name: capture.identity.digest() for folder, capture in captures.items()}
-    before, earlier = index.get("captures", {}), index.get("seeds", [])
-    if not isinstance(before, dict) or not isinstance(earlier, list) or not all(type(s) is int for s in earlier):
-        raise InputError(f"{out / INDEX}: is damaged; delete it to go on with the runs that are there")
     for folder in captures:
         if before.get(folder.name, named[folder.name]) != named[folder.name]:
             raise InputError(

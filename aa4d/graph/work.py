@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import time
 import traceback
 from collections.abc import Mapping
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aa4d.errors import InputError, Interrupted
+from aa4d.files import FULL
 from aa4d.graph.call import Call, Need, use_threads
 from aa4d.graph.events import Failed, Finished, Stopped, Tell
 from aa4d.graph.kinds import Kept, kind_of
@@ -20,7 +20,6 @@ OUT_OF_MEMORY = (
     "its process was killed (signal 9), as the system does where memory runs out; run fewer tasks at a time, or ask "
     "for smaller frames, and run the same command again"
 )
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,11 @@
 """The script that makes flyover.blend, run as the demo runs it."""
 
+import shutil
 import subprocess
 import sys
+from argparse import Namespace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -130,3 +133,28 @@ def test_drives_a_car_through_the_scene(extension: str, extension_zip: Path, tmp
     points = next(obj for obj in bpy.data.objects if obj.type == "MESH" and obj.aa4d.filepath)
     assert points.visible_shadow
     assert not points.is_holdout
+
+
+def test_a_full_disk_for_scratch_files_is_told_before_blender_begins(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Blender would install the extension without a word, and then not know it."""
+    from addon.make_flyover_blend import make
+
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=800_000))
+    with pytest.raises(OSError, match=r"less than 16 MiB are free.*TMPDIR"):
+        make(Namespace(), str(tmp_path))
+
+
+def test_a_file_that_blender_could_not_write_whole_is_told_and_the_one_before_stays(tmp_path: Path) -> None:
+    from addon.make_flyover_blend import IEND, whole
+
+    path = tmp_path / "frame.png"
+    for content in (b"whole" + IEND, b"another" + IEND):
+        with whole(path, IEND) as partial:
+            partial.write_bytes(content)
+        assert path.read_bytes() == content
+    with pytest.raises(OSError, match="could not be written whole; free some space"), whole(path, IEND) as partial:
+        partial.write_bytes(b"half")
+    assert [p.name for p in tmp_path.iterdir()] == ["frame.png"]
+    assert path.read_bytes() == content

@@ -488,6 +488,17 @@ def test_the_global_mapper_finds_the_field_of_view_and_its_failure_is_none(
     assert map_globally(tmp_path / "empty.db", images, names, 0, 1, tmp_path / "broken") is None
 
 
+def test_a_global_mapper_that_fails_on_a_full_disk_is_no_verdict_on_the_footage(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "empty.db").touch()
+    ended = SimpleNamespace(returncode=1)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: ended)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=800_000))
+    with pytest.raises(OSError, match="less than 4 MiB are free"):
+        map_globally(tmp_path / "empty.db", tmp_path, ["a.png"], 0, 1, tmp_path / "found")
+
+
 def test_features_go_on_in_the_middle(made: CaptureSummary, tmp_path: Path) -> None:
     """What a killed run has stored is kept, and all frames stay those of one camera."""
     import pycolmap

@@ -34,6 +34,7 @@ class Command:
     line: tuple[str, ...]
     has_run: bool = False  # {disk}/run is there beforehand
     program: tuple[str, ...] = ()  # instead of `aa4d`
+    only_killed: bool = False  # what it writes is written by Blender itself, which says nothing of a full disk
     scratch_elsewhere: bool = False  # it refuses to begin where scratch files have little room
 
     def argv(self, inputs: Path, disk: Path) -> list[str]:
@@ -74,32 +75,59 @@ COMMANDS = (
                       "{disk}/flyover.blend", "--render", "{disk}/flyover.png"),
             program=(sys.executable, str(ROOT / "addon/make_flyover_blend.py")), scratch_elsewhere=True),
     *(Command(f"extension-{what}", ("{inputs}/model.safetensors", "{inputs}/adaanchor4d.zip", "{disk}", what),
-              program=(sys.executable, str(BLENDER))) for what in ("bake", "ply", "usd")),
+              program=(sys.executable, str(BLENDER)), only_killed=what == "bake") for what in ("bake", "ply", "usd")),
 )  # fmt: skip
 BY_NAME = {command.name: command for command in COMMANDS}
 
 
-def make_inputs(folder: Path) -> None:
-    """A capture, a run, footage, a scene file, a model, and the extension, once."""
-    import addon.build_extension
-    from tests.addon.model_files import make_model, write_model
-    from tests.capture import aerial
-    from tests.toy_run import train_toy_run
-
-    if (folder / "whole").exists():
-        return
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    train_toy_run(folder)  # makes the capture too
-    aerial.write(folder / "frames", aerial.pictures(aerial.arc()))
+def _make_scene(path: Path) -> None:
     scene = (ROOT / "scenes" / "tiny.toml").read_text()
     for old, new in SCENE.items():
         assert old in scene
         scene = scene.replace(old, new)
-    (folder / "scene.toml").write_text(scene)
-    write_model(folder / "model.safetensors", *make_model(60, 5, groups=1))
-    addon.build_extension.build(folder / "adaanchor4d.zip")
-    (folder / "whole").touch()
+    path.write_text(scene)
+
+
+def _make_run(path: Path) -> None:
+    from tests.toy_run import train_toy_run
+
+    train_toy_run(path.parent)  # makes the capture too
+
+
+def _make_frames(path: Path) -> None:
+    from tests.capture import aerial
+
+    aerial.write(path, aerial.pictures(aerial.arc()))
+
+
+def _make_model(path: Path) -> None:
+    from tests.addon.model_files import make_model, write_model
+
+    write_model(path, *make_model(60, 5, groups=1))
+
+
+def _make_extension(path: Path) -> None:
+    from addon.build_extension import build
+
+    build(path)
+
+
+INPUTS: dict[str, Callable[[Path], object]] = {
+    "run": _make_run,
+    "frames": _make_frames,
+    "scene.toml": _make_scene,
+    "model.safetensors": _make_model,
+    "adaanchor4d.zip": _make_extension,
+}
+
+
+def make_inputs(wanted: Sequence[Command], folder: Path) -> None:
+    """What these commands read, in `folder`; what is there already stays."""
+    line = " ".join(part for command in wanted for part in command.line)
+    for name, make in INPUTS.items():
+        needs_run = name == "run" and ("{inputs}/capture" in line or any(command.has_run for command in wanted))
+        if (needs_run or f"{{inputs}}/{name}" in line) and not (folder / name).exists():
+            make(folder / name)
 
 
 def prepare(command: Command, inputs: Path, disk: Path) -> None:
@@ -227,6 +255,3 @@ def wrong_with(ended: Ended, *, refused: bool) -> str | None:
 
 def chosen(names: Sequence[str]) -> list[Command]:
     return list(COMMANDS) if not names else [BY_NAME[name] for name in names]
-
-
-Report = Callable[[str], None]

@@ -136,9 +136,10 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory(prefix="aa4d-faults-") as folder:
         inputs = given.inputs or Path(folder, "inputs")
-        in_own_process(lambda: commands.make_inputs(inputs))
+        wanted = [command for command in commands.chosen(given.commands) if not command.only_killed]
+        in_own_process(lambda: commands.make_inputs(wanted, inputs))
         import_all()
-        for command in commands.chosen(given.commands):
+        for command in wanted:
             scratch = Path(folder, command.name)
             scratch.mkdir()
             bench = Bench(command, inputs, scratch)

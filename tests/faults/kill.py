@@ -97,9 +97,10 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory(prefix="aa4d-kill-") as folder:
         inputs = given.inputs or Path(folder, "inputs")
-        in_own_process(lambda: commands.make_inputs(inputs))
+        wanted = commands.chosen(given.commands)
+        in_own_process(lambda: commands.make_inputs(wanted, inputs))
         import_all()
-        for command in commands.chosen(given.commands):
+        for command in wanted:
             bench = Bench(command, inputs, Path(folder, command.name))
             rows.append(try_command(bench, random.Random(f"{given.seed} {command.name}"), given.moments))
             shutil.rmtree(bench.folder, ignore_errors=True)

@@ -18,7 +18,9 @@ from safetensors.numpy import load_file
 
 DAMAGED = "damaged"
 # Of files that say how long something took or when it was made.
-TIMES = re.compile(r"seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes")
+TIMES = re.compile(
+    r"(setup|load|picture|truth|clip)_s$|seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes"
+)
 # Their content is not compared: what is in them stands in other files too, beside times and paths.
 NOT_COMPARED = re.compile(
     r"(^|/)(\.|stopped\.json|cost\.json|tensorboard/|.*\.(html|db|blend|svg|md|png\.json)$)|(^|/)(pareto|compare).*\.png$"
