@@ -27,7 +27,7 @@ def label_units(
 ) -> Labels:
     """The label [count] that most frames show at each unit (an anchor, a Gaussian of a track), -1 where none shows it.
 
-    `positions_at(rank)` gives the units [count, 3] in world metres, NaN for those that are not there then,
+    `positions_at(frame)` gives the units [count, 3] in world metres, NaN for those that are not there then,
     `read_labels(path)` the picture [H, W], first row at the top. Where the frame's depth is known, hidden units are
     left out.
 
@@ -36,18 +36,18 @@ def label_units(
     """
     votes = np.zeros((count, len(LABELS)), np.int32)
     names = [Path(image).stem for image in clip.images]
-    known = [rank for rank, name in enumerate(names) if (folder / "truth" / "activity" / f"{name}.png").is_file()]
+    known = [frame for frame, name in enumerate(names) if (folder / "truth" / "activity" / f"{name}.png").is_file()]
     if not known:
         raise ModelFileError(f"{folder} holds no activity labels; they are an optional truth of the capture.")
-    for rank in {known[round(place)] for place in np.linspace(0, len(known) - 1, min(FRAMES_READ, len(known)))}:
-        labels = read_labels(folder / "truth" / "activity" / f"{names[rank]}.png")
-        view = positions_at(rank) @ clip.viewmats[rank, :3, :3].T + clip.viewmats[rank, :3, 3]
+    for frame in {known[round(place)] for place in np.linspace(0, len(known) - 1, min(FRAMES_READ, len(known)))}:
+        labels = read_labels(folder / "truth" / "activity" / f"{names[frame]}.png")
+        view = positions_at(frame) @ clip.viewmats[frame, :3, :3].T + clip.viewmats[frame, :3, 3]
         depth = view[:, 2]
         pixels = (view / np.maximum(depth, 1e-6)[:, None]) @ clip.camera.K.T
         height, width = labels.shape
         inside = (depth > 0) & (pixels[:, :2] >= 0).all(axis=1) & (pixels[:, 0] < width) & (pixels[:, 1] < height)
         column, row = (np.where(inside, pixels[:, axis], 0).astype(np.intp) for axis in (0, 1))
-        seen_depth = _depth(folder / "truth" / f"{names[rank]}.npz", labels.shape)
+        seen_depth = _depth(folder / "truth" / f"{names[frame]}.npz", labels.shape)
         if seen_depth is not None:
             inside &= depth < seen_depth[row, column] + BEHIND_M
         label = labels[row, column]

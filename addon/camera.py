@@ -20,8 +20,9 @@ OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0])  # Blender's camera looks along -
 
 
 def create_camera(clip: Clip, reach: Doubles, name: str, stretch: float) -> bpy.types.Object:
-    """A camera with a key a frame of the clip, `stretch` frames of the timeline apart: location and quaternion, linear
-    between them. It sees as far as the scene, which reaches `reach` [3] metres from the origin along each axis."""
+    """A camera with a key a frame of the clip, `stretch` frames of the timeline for one of its clock: location and
+    quaternion, linear between them. It sees as far as the scene, which reaches `reach` [3] metres from the origin along
+    each axis."""
     data = bpy.data.cameras.new(name)
     camera, K = clip.camera, clip.camera.K
     data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR_MM
@@ -35,8 +36,8 @@ def create_camera(clip: Clip, reach: Doubles, name: str, stretch: float) -> bpy.
     obj.rotation_mode = "QUATERNION"
     rotations = clip.viewmats[:, :3, :3].transpose(0, 2, 1) @ OPENCV_TO_BLENDER
     quaternions = np.array([Matrix(rotation.tolist()).to_quaternion() for rotation in rotations])
-    animate(obj, "location", clip.camera_centers, stretch)
-    animate(obj, "rotation_quaternion", in_one_hemisphere(quaternions), stretch)
+    animate(obj, "location", clip.camera_centers, clip.ranks * stretch)
+    animate(obj, "rotation_quaternion", in_one_hemisphere(quaternions), clip.ranks * stretch)
     return obj
 
 
@@ -54,7 +55,7 @@ def show_frames(camera: bpy.types.Object, clip: Clip, stretch: float) -> bool:
         image = bpy.data.images.load(str(path))
     except (RuntimeError, ValueError):  # no picture, or a name that is not UTF-8
         return False
-    count = clip.frame_count
+    count = len(clip.images)
     image.source = "SEQUENCE" if count > 1 else "FILE"
     background = camera.data.background_images.new()
     background.image, background.alpha, background.display_depth = image, 1.0, "BACK"
@@ -62,7 +63,13 @@ def show_frames(camera: bpy.types.Object, clip: Clip, stretch: float) -> bool:
     user.use_auto_refresh = True
     user.frame_start, user.frame_duration = names.FIRST_FRAME, count
     user.frame_offset = number - 1  # Blender takes the first file of a sequence for number 1
-    if stretch != 1:  # Blender shows a file a frame: the offset makes up for it
+    if not clip.is_even:  # Blender shows a file a frame: the offset makes up for it
+        passed = np.arange(math.ceil(clip.ranks[-1] * stretch) + 1)
+        user.frame_duration = len(passed)
+        shown = np.searchsorted(clip.ranks, passed / stretch + 1e-4, side="right") - 1
+        path_of_offset = "background_images[0].image_user.frame_offset"
+        animate(camera.data, path_of_offset, (number - 1 + shown - passed)[:, None], passed, "CONSTANT")
+    elif stretch != 1:
         user.frame_duration = math.ceil((count - 1) * stretch) + 1
         driver = camera.data.driver_add("background_images[0].image_user.frame_offset").driver
         passed = f"min(max(frame - {names.FIRST_FRAME}, 0), {user.frame_duration - 1})"
@@ -112,16 +119,18 @@ def in_one_hemisphere(quaternions: Doubles) -> Doubles:
     return quaternions
 
 
-def animate(obj: bpy.types.Object, path: str, values: Doubles, stretch: float) -> None:
-    """Key the property with one row of values [n, components] every `stretch` frames, linear between."""
-    setattr(obj, path, values[0])
-    obj.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them
-    curves = obj.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+def animate(owner: bpy.types.ID, path: str, values: Doubles, at: Doubles, interpolation: str = "LINEAR") -> None:
+    """Key the property with a row of values [n, components] each; `at` [n] in frames from the timeline's first."""
+    holder, _, name = path.rpartition(".")
+    first = values[0].tolist()
+    setattr(owner.path_resolve(holder) if holder else owner, name, first if len(first) > 1 else first[0])
+    owner.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them
+    curves = owner.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
     for index, column in enumerate(values.T):
         curve = curves.find(path, index=index)
         curve.keyframe_points.add(len(column) - 1)
-        frames = np.arange(len(column)) * stretch + names.FIRST_FRAME
+        frames = at + names.FIRST_FRAME
         curve.keyframe_points.foreach_set("co", np.stack([frames, column], axis=1).astype(np.float32).ravel())
         for point in curve.keyframe_points:
-            point.interpolation = "LINEAR"
+            point.interpolation = interpolation
         curve.update()

@@ -147,13 +147,12 @@ def _inspect(
 def mean_speed(clip: Clip, t: float, positions_at: Callable[[float], Floats]) -> Floats:
     """The mean speed [n] over the frame around t, a second, in the unit of the positions [n, 3]; zero in a clip of one
     frame."""
-    last = clip.frame_count - 1
+    last = len(clip.ranks) - 1
     if last == 0:
         return np.zeros(len(positions_at(t)), np.float32)
     before, after = max(t - SPEED_STEP / last, 0.0), min(t + SPEED_STEP / last, 1.0)
     way = positions_at(after) - positions_at(before)
-    seconds = (after - before) * last / clip.fps
-    return np.float32(1 / seconds) * np.linalg.norm(way, axis=1)
+    return np.float32(1 / clip.seconds_between(before, after)) * np.linalg.norm(way, axis=1)
 
 
 def linear_rgba(srgb: Floats) -> Floats:

@@ -48,7 +48,7 @@ def _places(objects: Sequence[bpy.types.Object]) -> Floats:
 
 def _drone_axes(clip: Clip) -> Doubles:
     """The axes of the capture's camera in the middle of the clip, [3, 3], in columns: right, up, back."""
-    return clip.viewmats[clip.frame_count // 2, :3, :3].T @ camera.OPENCV_TO_BLENDER
+    return clip.viewmats[len(clip.viewmats) // 2, :3, :3].T @ camera.OPENCV_TO_BLENDER
 
 
 def _frame(space: bpy.types.SpaceView3D, places: Floats, axes: Doubles, size: tuple[int, int]) -> None:

@@ -67,8 +67,8 @@ def pinhole(value: Any) -> Camera:
     return Camera(width, height, K)
 
 
-def poses_and_images(frames: Any) -> tuple[Doubles, tuple[str, ...]]:
-    """The poses [frames, 4, 4] and the images of a model's frames."""
+def poses_images_and_seconds(frames: Any) -> tuple[Doubles, tuple[str, ...], Doubles]:
+    """The poses [frames, 4, 4], the images and the seconds [frames] of a model's frames."""
     require(isinstance(frames, list) and frames, "frames must be a list of at least one frame")
     names: set[str] = set()
     times, seconds = [-math.inf], [-math.inf]
@@ -92,4 +92,4 @@ def poses_and_images(frames: Any) -> tuple[Doubles, tuple[str, ...]]:
     require(rigid.all(), f"viewmat of frame {int(np.argmin(rigid))} must be a rotation and a translation")
     near = np.abs(np.einsum("nji,nj->ni", rotations, viewmats[:, :3, 3])).max(axis=1) <= FARTHEST_M
     require(near.all(), f"camera of frame {int(np.argmin(near))} must be within {FARTHEST_M:g} m of the origin")
-    return viewmats, tuple(frame["image"] for frame in frames)
+    return viewmats, tuple(frame["image"] for frame in frames), np.array(seconds[1:])

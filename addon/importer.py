@@ -268,7 +268,7 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     if folder is None:
         raise ModelFileError(f"The capture that {clip.path.name} was trained on is not beside it.")
     labels = activity.label_units(
-        clip, source.unit_count, folder, lambda rank: _shown_units(loaded, rank), _read_labels
+        clip, source.unit_count, folder, lambda frame: _shown_units(loaded, clip.ranks[frame]), _read_labels
     )
     written = []
     for part in parts.parts(obj):
@@ -281,8 +281,8 @@ def label_activity(obj: bpy.types.Object) -> dict[str, int]:
     return {known[label + 1]: int(count) for label, count in zip(*counts, strict=True)}
 
 
-def _shown_units(loaded: playback.Loaded, rank: int) -> Floats:
-    """The units [N, 3] at a frame, world metres; NaN for those that are not in the scene then."""
+def _shown_units(loaded: playback.Loaded, rank: float) -> Floats:
+    """The units [N, 3] at a rank, world metres; NaN for those that are not in the scene then."""
     source = loaded.source
     there = source.there(source.clip.time_of_rank(rank))
     return np.where(there[:, None], loaded.trail(source.known_carriers[0], rank), np.float32(np.nan))

@@ -139,8 +139,8 @@ def forget_times() -> None:
 
 
 def make_handle(model: Model, group: int, name: str, stretch: float) -> bpy.types.Object:
-    """An empty that rides on a group's trajectory with a key a frame of the clip, `stretch` frames of the timeline
-    apart: to parent lamps and cameras to, to aim at."""
+    """An empty that rides on a group's trajectory with a key a frame of the clip's clock, `stretch` frames of the
+    timeline apart: to parent lamps and cameras to, to aim at."""
     assert model.groups is not None
     handle = bpy.data.objects.new(name, None)
     handle.empty_display_type, handle.empty_display_size = "ARROWS", HANDLE_M
@@ -149,6 +149,7 @@ def make_handle(model: Model, group: int, name: str, stretch: float) -> bpy.type
     poses = [model.groups.at(model.time_of_rank(rank)) for rank in range(model.frame_count)]
     places = model.scale * np.array([pose.position[group] for pose in poses]) + model.translation
     turns = camera.in_one_hemisphere(np.array([pose.quaternions()[group] for pose in poses]))
-    camera.animate(handle, "location", places, stretch)
-    camera.animate(handle, "rotation_quaternion", turns, stretch)
+    at = np.arange(model.frame_count) * stretch
+    camera.animate(handle, "location", places, at)
+    camera.animate(handle, "rotation_quaternion", turns, at)
     return handle

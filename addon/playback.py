@@ -43,7 +43,7 @@ class Loaded:
     source: Source
     content: str  # hash of the file
     frames: dict[str, Values] = dataclasses.field(default_factory=dict)  # by stamp
-    trails: dict[tuple[str, int], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
+    trails: dict[tuple[str, float], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
     center: dict[float, Doubles] = dataclasses.field(default_factory=dict)  # of the capture's camera, at the last t
 
     def camera_center(self, t: float) -> Doubles:
@@ -63,8 +63,8 @@ class Loaded:
             self.frames[stamp] = values
         return self.frames[stamp]
 
-    def trail(self, carrier: str, rank: int) -> Floats:
-        """The positions at a whole frame of the clip; the latest ones asked for are kept."""
+    def trail(self, carrier: str, rank: float) -> Floats:
+        """The positions at a frame of the clip; the latest ones asked for are kept."""
         key = (carrier, rank)
         if key not in self.trails:
             while len(self.trails) >= TRAILS_KEPT:

@@ -32,13 +32,19 @@ def penalise(
     threads: int,
 ) -> float: ...
 def networks_forward(
-    x: Tensor, networks: Sequence[Layers], time: float | None, threads: int, outputs: Sequence[Tensor]
+    x: Tensor,
+    networks: Sequence[Layers],
+    time: float | None,
+    bfloat16: bool,
+    threads: int,
+    outputs: Sequence[Tensor],
 ) -> None: ...
 def networks_backward(
     x: Tensor,
     networks: Sequence[Layers],
     time: float | None,
     d_outputs: Sequence[Tensor],
+    bfloat16: bool,
     threads: int,
     d_x: Tensor | None,
     gradients: Sequence[Layers],
@@ -55,4 +61,5 @@ def local_gaussians_backward(
     gradient: Sequence[Tensor],
     d_anchors: Sequence[Tensor],
 ) -> None: ...
+def bfloat16_in_hardware() -> bool: ...
 def instruction_set() -> str: ...

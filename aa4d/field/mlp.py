@@ -24,14 +24,23 @@ class TwoLayer(nn.Module):
             nn.init.zeros_(self.output.weight)
             nn.init.zeros_(self.output.bias)
 
+        self.arithmetic = "float32"  # of its products
+
     def layers(self) -> Layers:
         return self.hidden.weight, self.hidden.bias, self.output.weight, self.output.bias
 
     def forward(self, x: Tensor, t: float | None = None) -> Tensor:
         """[N, inputs], or [N, inputs - 1] and a time that is the last input of all -> [N, outputs]."""
-        return two_layer(x, [self.layers()], t)[0]
+        return two_layer(x, [self.layers()], t, self.arithmetic)[0]
 
 
 def evaluate_together(networks: tuple[TwoLayer, ...], x: Tensor) -> tuple[Tensor, ...]:
     """Several networks of the same input: cheaper than one after another."""
-    return two_layer(x, [network.layers() for network in networks])
+    return two_layer(x, [network.layers() for network in networks], arithmetic=networks[0].arithmetic)
+
+
+def use_arithmetic(model: nn.Module, name: str) -> None:
+    """Let every `TwoLayer` of a model multiply so from now on; `name` of aa4d.kernels.two_layer.ARITHMETIC."""
+    for module in model.modules():
+        if isinstance(module, TwoLayer):
+            module.arithmetic = name

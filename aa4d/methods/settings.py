@@ -84,6 +84,7 @@ class RunSettings:
     """What training asks of any method's settings. `method` is its name in `aa4d.methods.METHODS`."""
 
     method: ClassVar[str]
+    has_two_layer: ClassVar[bool] = True  # networks whose arithmetic can be chosen
 
     preset: str  # where the other settings start from
     coarse_iterations: Count  # of the canonical scene, in which nothing moves
@@ -94,11 +95,14 @@ class RunSettings:
     exposure: bool = False  # learn an affine map of color for each training view: the camera's exposure
     leave_out: bool = False  # the loss does not see what is white in CAPTURE/left_out/NAME.png, or all.png
     true_depth: NotNegative = 0.0  # weight of the relative error of depth, where the capture has true depth
+    arithmetic: Annotated[str, NameIn("aa4d.kernels.two_layer", "ARITHMETIC")] = "float32"  # of two-layer networks
     motion: MotionSettings | None = None  # anchors that ride on movers; None: nothing rides
     rates: CommonRates
     densification: DensitySchedule
 
     def __post_init__(self) -> None:
+        if self.arithmetic != "float32" and not self.has_two_layer:
+            raise ValueError(f"arithmetic must be float32, for the networks of {self.method} know no other")
         if self.motion is not None and not isinstance(self, AnchorSettings):
             raise ValueError(f"motion must be none, for {self.method} has no anchors that could ride")
 

@@ -53,7 +53,8 @@ class TrainingState:
         return [each for each in (self.poses, self.exposures) if each is not None]
 
 
-def save_checkpoint(path: Path, state: TrainingState) -> None:
+def save_checkpoint(path: Path, state: TrainingState, run: str | None = None) -> None:
+    """`run` is the digest of the run's identity."""
     tensors = {f"model.{name}": value for name, value in state.model.state_dict().items()}
     tensors |= {f"statistics.{name}": value for name, value in vars(state.statistics).items()}
     for name, parameter in state.model.named_parameters():
@@ -62,6 +63,8 @@ def save_checkpoint(path: Path, state: TrainingState) -> None:
     for learned in state.per_view:
         tensors |= {f"{learned.part}.{name}": value for name, value in learned.tensors().items()}
     position: dict[str, Any] = {"stage": state.stage, "iteration": state.iteration, **asdict(state.spent)}
+    if run is not None:
+        position["run"] = run
     if state.model.groups is not None:
         position["groups"] = state.model.groups.names
     with whole_file(path) as temporary:
@@ -75,13 +78,18 @@ def load_checkpoint(
     device: torch.device,
     poses: PoseRefinement | None = None,
     exposures: Exposures | None = None,
+    run: str | None = None,
 ) -> TrainingState:
-    """Raises InputError for a damaged file or one of another configuration. `poses` and `exposures` are set to those
-    of the file."""
+    """Raises InputError for a damaged file or one of another run. `poses` and `exposures` are set to those of the file.
+
+    A checkpoint of an older version does not say of which `run` it is, and is taken where all fits.
+    """
     try:
         with safe_open(str(path), framework="pt", device=str(device)) as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118, not a dict
             position = json.loads(file.metadata()["state"])
+        if run is not None and position.get("run", run) != run:
+            raise ValueError("it is of a run with another capture or other settings")
         stage, iteration, spent = _position(position, schedule_of(settings))
         _check_finite(tensors)
         model = method_of(settings.method).blank(settings, len(tensors["statistics.seen"]))

@@ -18,6 +18,7 @@ from aa4d.capture.reader import Capture
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.image_metrics import decibels
+from aa4d.field.mlp import use_arithmetic
 from aa4d.files import write_text
 from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.methods import method_of
@@ -123,10 +124,12 @@ class Run:
         self.movers = None if settings.motion is None else Movers(settings.motion, frames, out)
         self.model_path = out / "model.safetensors"
         self.checkpoint_path = out / "checkpoint.safetensors"
+        self.identity = run_identity(description_of(frames.capture, settings))
 
     def initial_state(self) -> TrainingState:
         # Drawn on the CPU, whatever the device.
         model = self.method.initial(self.settings, self.frames.beginning()).to(self.frames.device)
+        use_arithmetic(model, self.settings.arithmetic)
         first = self.schedule.stages[0]
         optimiser = make_optimiser(model, self.settings.rates, canonical=first.canonical)
         statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
@@ -148,8 +151,16 @@ class Run:
         """That of the checkpoint, or the initial one where there is none."""
         if not self.checkpoint_path.exists():
             return self.initial_state()
-        device = self.frames.device
-        return load_checkpoint(self.checkpoint_path, self.settings, device, self._poses(), self._exposures())
+        state = load_checkpoint(
+            self.checkpoint_path,
+            self.settings,
+            self.frames.device,
+            self._poses(),
+            self._exposures(),
+            run=self.identity.digest(),
+        )
+        use_arithmetic(state.model, self.settings.arithmetic)
+        return state
 
     def is_finished(self, state: TrainingState) -> bool:
         last = self.schedule.stages[-1]
@@ -203,7 +214,7 @@ class Run:
         state.stage, state.iteration = stage.name, 0
         state.optimiser = make_optimiser(model, self.settings.rates, canonical=stage.canonical)
         state.statistics = Statistics.zeros(len(model), model.per_unit, self.frames.device)
-        save_checkpoint(self.checkpoint_path, state)
+        save_checkpoint(self.checkpoint_path, state, self.identity.digest())
 
     def _stage(self, state: TrainingState, progress: Progress, history: History, stop_requested: StopRequest) -> None:
         total = self.schedule[state.stage].iterations
@@ -358,7 +369,7 @@ class Run:
                 view = self.frames.views[0]
                 image, target = self._render(state, view).rendering.color, view.target()
         history.write(self.steps(state), image, target)
-        save_checkpoint(self.checkpoint_path, state)
+        save_checkpoint(self.checkpoint_path, state, self.identity.digest())
 
     def _save_model(self, state: TrainingState, path: Path) -> None:
         capture = self.frames.capture
@@ -384,7 +395,7 @@ class Run:
             frame=self.frames.frame,
             background=(red, green, blue),
             training=training,
-            run=run_identity(description_of(capture, self.settings)),
+            run=self.identity,
         )
 
     def diagnosis(self, state: TrainingState, found: NotFinite, say: Say) -> str:

@@ -123,7 +123,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             first_sight.show(context, together, imported.clip)
         message = translated("Imported {:,} points over {} frames; Material Preview shows their colours")
         count = sum(len(part.data.vertices) for part in together)
-        text = message.format(count, imported.clip.frame_count)
+        text = message.format(count, len(imported.clip.images))
         if len(together) > 1:
             text += translated("; {} vehicles").format(len(together) - 1)
         if imported.stretch != 1:

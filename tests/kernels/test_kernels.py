@@ -94,6 +94,27 @@ def test_networks_agree_with_their_twin(inputs: int, sizes: list[tuple[int, int]
     assert_agree(run(two_layer), run(_two_layer), [x, *layers])
 
 
+@pytest.mark.parametrize("zeros", ["none", "first", "every third", "all but one", "all", "minus zero"])
+def test_rows_without_a_gradient_change_no_bit_of_the_others(zeros: str) -> None:
+    torch.manual_seed(6)
+    x, layers = torch.randn(120, 9), network(9, 24, 5)
+    push = torch.randn(120, 5)
+    rows = torch.arange(120)
+    hidden = {"none": rows < 0, "first": rows < 50, "every third": rows % 3 == 0, "minus zero": rows % 2 == 0}
+    zero = hidden.get(zeros, rows != 7 if zeros == "all but one" else rows >= 0)
+    push[zero] = -0.0 if zeros == "minus zero" else 0.0
+
+    def gradients(rows: Tensor) -> list[Tensor]:
+        seen = x[rows].requires_grad_()
+        (y,) = two_layer(seen, [(layers[0], layers[1], layers[2], layers[3])])
+        return list(torch.autograd.grad((y * push[rows]).sum(), [seen, *layers]))
+
+    whole, part = gradients(rows), gradients(rows[~zero])
+    assert torch.equal(whole[0][~zero], part[0])
+    assert (whole[0][zero] == 0).all()
+    assert all(torch.equal(a, b) for a, b in zip(whole[1:], part[1:], strict=True))
+
+
 @pytest.mark.parametrize("dssim", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize("size", [(1, 1), (5, 7), (30, 41), (64, 64)])
 def test_the_image_loss_agrees_with_its_twin(size: tuple[int, int], dssim: float) -> None:

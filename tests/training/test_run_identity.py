@@ -107,3 +107,38 @@ def test_other_settings_are_another_run(run: Path) -> None:
     capture = read_capture(run.parent / "capture")
     with pytest.raises(InputError, match=r"another training\.voxel_px: 3\.0 there, 2\.0 asked for"):
         train(capture, run, replace(BRIEF, voxel_px=2.0), never)
+
+
+@pytest.mark.parametrize("other", ["seed", "capture", "arithmetic"])
+def test_a_checkpoint_of_another_run_is_refused(toy_run: Path, tmp_path: Path, other: str) -> None:
+    """Its shapes fit: nothing else would tell."""
+    capture, settings = read_capture(toy_run.parent / "capture"), BRIEF
+    if other == "capture":
+        shutil.copytree(capture.folder, tmp_path / "capture")
+        change_frame(tmp_path / "capture")
+        identify(tmp_path / "capture")
+        capture = read_capture(tmp_path / "capture")
+    elif other == "seed":
+        settings = replace(BRIEF, seed=BRIEF.seed + 1)
+    else:
+        settings = replace(BRIEF, arithmetic="bfloat16")
+    train(capture, tmp_path / "run", settings, silent)
+    checkpoint = tmp_path / "run/checkpoint.safetensors"
+    shutil.copy(toy_run / "checkpoint.safetensors", checkpoint)
+    (tmp_path / "run/model.safetensors").unlink()
+    with pytest.raises(InputError) as caught:
+        train(capture, tmp_path / "run", settings, never)
+    assert str(caught.value) == (
+        f"{checkpoint}: cannot continue from this checkpoint (it is of a run with another capture or other settings); "
+        "delete it to start over"
+    )
+
+
+def test_a_checkpoint_of_an_older_version_does_not_say_of_which_run_it_is_and_is_taken(run: Path) -> None:
+    path = run / "checkpoint.safetensors"
+    with safe_open(str(path), framework="pt") as file:
+        state = json.loads(file.metadata()["state"])
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    del state["run"]
+    save_file(tensors, str(path), metadata={"state": json.dumps(state)})
+    train(read_capture(run.parent / "capture"), run, BRIEF, never)

@@ -127,8 +127,12 @@ std::vector<field::Layers> make_layers(const std::vector<LayerTensors>& networks
   return layers;
 }
 
+field::Arithmetic arithmetic_of(bool bfloat16) {
+  return bfloat16 ? field::Arithmetic::kBfloat16 : field::Arithmetic::kFloat32;
+}
+
 void networks_forward(const Matrix& x, const std::vector<LayerTensors>& networks, std::optional<float> time,
-                      int threads, const std::vector<Matrix>& outputs) {
+                      bool bfloat16, int threads, const std::vector<Matrix>& outputs) {
   const std::vector<field::Layers> layers = make_layers(networks, x, time.has_value());
   require(outputs.size() == layers.size(), "one output is needed for each network");
   std::vector<float*> y;
@@ -138,12 +142,12 @@ void networks_forward(const Matrix& x, const std::vector<LayerTensors>& networks
     y.push_back(outputs[i].data());
   }
   const nb::gil_scoped_release release;
-  field::networks_forward(layers, time, x.shape(0), x.data(), y, threads);
+  field::networks_forward(layers, time, x.shape(0), x.data(), y, arithmetic_of(bfloat16), threads);
 }
 
 void networks_backward(const Matrix& x, const std::vector<LayerTensors>& networks, std::optional<float> time,
-                       const std::vector<Matrix>& d_outputs, int threads, const std::optional<Matrix>& d_x,
-                       const std::vector<LayerTensors>& gradients) {
+                       const std::vector<Matrix>& d_outputs, bool bfloat16, int threads,
+                       const std::optional<Matrix>& d_x, const std::vector<LayerTensors>& gradients) {
   const std::vector<field::Layers> layers = make_layers(networks, x, time.has_value());
   require(d_outputs.size() == layers.size() && gradients.size() == layers.size(),
           "one gradient is needed for each network");
@@ -160,7 +164,7 @@ void networks_backward(const Matrix& x, const std::vector<LayerTensors>& network
     out.push_back({w1.data(), b1.data(), w2.data(), b2.data()});
   }
   const nb::gil_scoped_release release;
-  field::networks_backward(layers, time, x.shape(0), x.data(), d_y, pointer(d_x), out, threads);
+  field::networks_backward(layers, time, x.shape(0), x.data(), d_y, pointer(d_x), out, arithmetic_of(bfloat16), threads);
 }
 
 nb::tuple compare_images(const Array<-1, -1, 3>& image, const Array<-1, -1, 3>& target, float dssim,
@@ -234,12 +238,14 @@ void bind_field(nb::module_& m) {
   m.def("look_up_backward", &look_up_backward, "planes"_a, "coordinates"_a, "time"_a, "scores"_a.none(),
         "weights"_a.none(), "d_features"_a, "threads"_a, "result"_a, "d_planes"_a);
   m.def("penalise", &penalise, "planes"_a, "smoothness"_a, "constancy"_a, "gradients"_a, "threads"_a);
-  m.def("networks_forward", &networks_forward, "x"_a, "networks"_a, "time"_a.none(), "threads"_a, "outputs"_a);
-  m.def("networks_backward", &networks_backward, "x"_a, "networks"_a, "time"_a.none(), "d_outputs"_a, "threads"_a,
-        "d_x"_a.none(), "gradients"_a);
+  m.def("networks_forward", &networks_forward, "x"_a, "networks"_a, "time"_a.none(), "bfloat16"_a, "threads"_a,
+        "outputs"_a);
+  m.def("networks_backward", &networks_backward, "x"_a, "networks"_a, "time"_a.none(), "d_outputs"_a, "bfloat16"_a,
+        "threads"_a, "d_x"_a.none(), "gradients"_a);
   m.def("compare_images", &compare_images, "image"_a, "target"_a, "dssim"_a, "gradient"_a.none(), "threads"_a);
   m.def("local_gaussians", &local_gaussians, "anchors"_a, "threads"_a, "gaussians"_a);
   m.def("local_gaussians_backward", &local_gaussians_backward, "anchors"_a, "threads"_a, "opacities"_a, "colors"_a,
         "gradient"_a, "d_anchors"_a);
+  m.def("bfloat16_in_hardware", [] { return field::rounded_kernels().in_hardware; });
   m.def("instruction_set", [] { return field::kernels().name; });
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 namespace aa4d::field {
 
@@ -45,6 +46,14 @@ struct NetworkGradient {
   float *hidden_rows, *output_rows, *hidden_bias, *output_bias;
 };
 
+// The same with weights rounded to bfloat16, in pairs of neighbours in the direction of the sum: [hidden / 2, inputs]
+// and so on, padded. A row of pairs has the stride of its width in floats.
+struct RoundedNetwork {
+  int inputs, hidden, outputs;
+  const std::uint32_t *hidden_rows, *hidden_columns, *output_rows, *output_columns;
+  const float *hidden_bias, *output_bias;
+};
+
 inline constexpr int kPad = 16;       // floats, a register of the widest instruction set
 inline constexpr int kRowBlock = 128;  // rows that pass through a network together; a multiple of kTileRows
 inline constexpr int kTileRows = 8;   // rows are padded to this
@@ -56,6 +65,17 @@ constexpr int stride(int width) { return padded(width) + (padded(width) / kPad %
 // Scratch memory of one block of rows.
 struct NetworkScratch {
   float *input, *hidden, *hidden_gradient, *output;  // [kRowBlock, stride(width)] each
+};
+
+constexpr int pairs(int width) { return (width + 1) / 2; }
+// Of rows whose neighbours are in pairs: lines for half as many numbers.
+constexpr int pair_stride(int width) { return stride(padded(width) / 2); }
+
+// The same for rounded numbers: pairs of neighbours in a row, [kRowBlock, pair_stride(width)], and pairs of two rows,
+// [kRowBlock / 2, stride(width)].
+struct RoundedScratch {
+  std::uint32_t *input_rows, *hidden_rows, *output_rows;
+  std::uint32_t *input_pairs, *hidden_pairs, *hidden_gradient_pairs, *output_pairs;
 };
 
 // Rows of an image as rows of 3 W floats.
@@ -115,6 +135,16 @@ struct Kernels {
                                   const LocalGaussians& d, const AnchorGradient&);
 };
 
+// Networks with products of bfloat16 numbers.
+struct RoundedKernels {
+  bool in_hardware;  // or made of float32's instructions
+  // Takes the input of networks; `for_backward` as well.
+  void (*take_input)(const RoundedScratch&, int inputs, int rows, const float* x, bool for_backward);
+  void (*network_forward)(const RoundedNetwork&, const RoundedScratch&, int rows, float* y);
+  void (*network_backward)(const RoundedNetwork&, const RoundedScratch&, int rows, const float* d_y, float* d_x,
+                           bool add_to_d_x, const NetworkGradient&);
+};
+
 inline constexpr int kTaps = 11;
 inline constexpr int kHalf = 5;
 // compare_row and filter_row need (kSimilarityRows rows of width + 2 * kMargin) floats.
@@ -124,9 +154,12 @@ inline constexpr int kSimilarityRows = 5;
 extern const Kernels kPortableKernels;
 #if defined(__x86_64__)
 extern const Kernels kAvx2Kernels, kAvx512Kernels;
+extern const RoundedKernels kRoundedAvx2Kernels, kRoundedAvx512Kernels, kRoundedAvx512Bf16Kernels;
 #endif
+extern const RoundedKernels kRoundedPortableKernels;
 
 // The best set this machine can run, unless the environment's AA4D_SIMD names another (avx512, avx2, portable).
 const Kernels& kernels();
+const RoundedKernels& rounded_kernels();
 
 }  // namespace aa4d::field

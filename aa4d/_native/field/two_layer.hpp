@@ -14,17 +14,20 @@ struct Layers {
   const float *hidden_weight, *hidden_bias, *output_weight, *output_bias;
 };
 
+// Of the products: bfloat16 rounds their factors, in both directions, and sums in float32.
+enum class Arithmetic { kFloat32, kBfloat16 };
+
 struct LayersGradient {
   float *hidden_weight, *hidden_bias, *output_weight, *output_bias;
 };
 
 // x [rows, inputs (less the time)] -> y [i] [rows, outputs of network i].
 void networks_forward(const std::vector<Layers>& networks, std::optional<float> time, std::size_t rows, const float* x,
-                      const std::vector<float*>& y, int threads);
+                      const std::vector<float*>& y, Arithmetic arithmetic, int threads);
 
 // d_x may be null.
 void networks_backward(const std::vector<Layers>& networks, std::optional<float> time, std::size_t rows, const float* x,
                        const std::vector<const float*>& d_y, float* d_x, const std::vector<LayersGradient>& gradients,
-                       int threads);
+                       Arithmetic arithmetic, int threads);
 
 }  // namespace aa4d::field

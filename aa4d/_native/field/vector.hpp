@@ -5,7 +5,10 @@
 
 #include <cstdint>
 
-#if defined(__AVX512F__)
+#if defined(__AVX512BF16__)
+#define AA4D_ARCH avx512bf16
+#define AA4D_WIDTH 16
+#elif defined(__AVX512F__)
 #define AA4D_ARCH avx512
 #define AA4D_WIDTH 16
 #elif defined(__AVX2__)

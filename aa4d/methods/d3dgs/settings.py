@@ -68,6 +68,7 @@ class ModelConfig:
 @dataclass(frozen=True, kw_only=True)
 class D3DGSSettings(RunSettings):
     method: ClassVar[str] = "d3dgs"
+    has_two_layer: ClassVar[bool] = False
 
     voxel_px: Pixels = 2.0  # [chosen] one Gaussian a voxel at the start, in pixels at unit depth
     degree_every: Count = 1000  # [D3DGS] iterations after which the harmonics get a degree more
