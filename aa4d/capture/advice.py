@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from aa4d.capture.focal import Tried
+from aa4d.capture.focal import Tried, contradicts
 from aa4d.capture.selection import abbreviate
 
 NOTHING_RECONSTRUCTED = "no cameras could be reconstructed"
@@ -75,6 +75,18 @@ def field_of_view_advice(
         others = " and ".join(f"{rival.fov_deg:.0f} degrees ({rival.error_px:.2f} px)" for rival in rivals)
         why = f"A part of the frames is explained by {others} about as well."
     return [Advice(what, why)]
+
+
+def stated_field_of_view_advice(held: Tried, freed: Tried) -> list[Advice]:
+    """Advice on a stated field of view that the frames contradict."""
+    if not contradicts(held, freed):
+        return []
+    what = (
+        f"--fov {held.fov_deg:.3g} contradicts the frames: it explains them to {held.error_px:.2f} px, and "
+        f"{freed.fov_deg:.0f} degrees would to {freed.error_px:.2f} px. Is it the camera's, across the longest side and "
+        "with this zoom? Without --fov it is found."
+    )
+    return [Advice(what)]
 
 
 def standing_out_advice(labels: list[str]) -> list[Advice]:

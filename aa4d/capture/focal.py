@@ -24,8 +24,11 @@ STARTS_DEG = (30.0, 45.0, 75.0, 95.0)  # fields of view across the longest side;
 MOST_PROBED = 24  # frames: enough to see around things, few enough to be mapped several times
 FEWEST_PROBED = 10
 GLOBAL = "global mapper"
+HELD = "held"
+FREED = "freed"
 NEARLY_ALL = 0.9  # share of the frames that the most successful try has placed
 AGREEMENT = 0.05  # share by which fields of view may differ, and errors, to be the same
+CLEARLY = 0.8  # share of the error with the stated field of view: another one that is below it is better
 GLOBAL_TIMEOUT_S = 600.0
 # For a process of its own: COLMAP's checks end the process that they fail in.
 GLOBALLY = """
@@ -103,9 +106,7 @@ def find_start(
 
     def keep(start: str, model: Any) -> None:
         if model is not None and has_usual_focal(model):
-            found = next(iter(model.cameras.values()))
-            error = float(model.compute_mean_reprojection_error())
-            tried.append(Tried(start, _degrees(found), model.num_reg_images(), error))
+            tried.append(_as_tried(start, model))
             models.append(model)
 
     keep(f"{usual_deg:.0f} degrees", map_part(database, part, folder / "start-usual"))
@@ -150,6 +151,28 @@ def rivals(tried: tuple[Tried, ...], chosen: int) -> list[Tried]:
         and t.frames >= NEARLY_ALL * one.frames
         and t.error_px <= (1 + 2 * AGREEMENT) * one.error_px
     ]
+
+
+def held_and_freed(model: Any, threads: int) -> tuple[Tried, Tried]:
+    """A model that was mapped with a stated focal length, and what bundle adjustment finds once that is free."""
+    copy = pycolmap.Reconstruction(model)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = options.refine_extra_params = True
+    options.print_summary = False
+    options.ceres.solver_options.num_threads = threads
+    pycolmap.bundle_adjustment(copy, options)
+    copy.update_point_3d_errors()
+    return _as_tried(HELD, model), _as_tried(FREED, copy)
+
+
+def contradicts(held: Tried, freed: Tried) -> bool:
+    """Whether the frames say clearly that another field of view than the stated one is theirs."""
+    return abs(freed.fov_deg / held.fov_deg - 1) > 2 * AGREEMENT and freed.error_px <= CLEARLY * held.error_px
+
+
+def _as_tried(start: str, model: Any) -> Tried:
+    error = float(model.compute_mean_reprojection_error())
+    return Tried(start, _degrees(next(iter(model.cameras.values()))), model.num_reg_images(), error)
 
 
 def _agree(one: Tried, other: Tried) -> bool:

@@ -11,11 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from aa4d import __version__
-from aa4d.capture.advice import GOOD_ERROR_PX, Advice, advice, field_of_view_advice, standing_out_advice
+from aa4d.capture.advice import (
+    GOOD_ERROR_PX,
+    Advice,
+    advice,
+    field_of_view_advice,
+    standing_out_advice,
+    stated_field_of_view_advice,
+)
 from aa4d.capture.assembly import Published, capture_step, forget_damaged
 from aa4d.capture.clip import Clip
 from aa4d.capture.features import features_step, stated_focal_px
-from aa4d.capture.focal import rivals
+from aa4d.capture.focal import Tried, rivals
 from aa4d.capture.mapping import Cameras, adopt_step, solve_step, triangulate_step
 from aa4d.capture.matching import Matches, matches_step
 from aa4d.capture.movers import Masks, masking_method, movers_step
@@ -209,6 +216,8 @@ def _movers(source: Source, masks: Masks | None) -> str:
 def _field_of_view_advice(
     source: Source, clip: Clip, matches: Matches | None, cameras: Cameras, settings: CaptureSettings, fov_deg: float
 ) -> list[Advice]:
+    if cameras.freed:
+        return stated_field_of_view_advice(*(Tried(**values) for values in cameras.freed))
     if matches is None or source.posed is not None or stated_focal_px(settings.fov_deg, source.focal_share, clip):
         return []
     start = cameras.start

@@ -13,7 +13,7 @@ import pycolmap
 from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import is_whole_model, quiet, run, write_model
-from aa4d.capture.focal import Start, Tried, find_start
+from aa4d.capture.focal import Start, Tried, find_start, held_and_freed
 from aa4d.capture.matching import Matches
 from aa4d.capture.selection import abbreviate
 from aa4d.capture.settings import CaptureSettings, Reconstruction
@@ -54,6 +54,7 @@ class Cameras(StepResult):
     tried: tuple[dict[str, Any], ...] = ()  # `Tried` of each start of the focal length, on a part of the clip
     probed: int = 0  # frames of that part
     chosen: int = 0  # of `tried`, whose focal length the whole clip was mapped from
+    freed: tuple[dict[str, Any], ...] = ()  # `Tried` of a stated focal length, and of the same model with that free
 
     @property
     def start(self) -> Start:
@@ -153,6 +154,7 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         raise InputError(f"{NOTHING_RECONSTRUCTED}: {no_model_advice({'PANORAMIC': 1}, focal_is_known)}")
     target = folder / "model"
     write_model(model, target)
+    freed = held_and_freed(model, threads) if focal_is_known else ()
     for tries in (probes, *folder.glob("attempt-*")):
         shutil.rmtree(tries)
     registered = _ranks(model, names)
@@ -168,6 +170,7 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         tried=tuple(asdict(t) for t in start.tried),
         probed=start.probed,
         chosen=start.chosen,
+        freed=tuple(asdict(t) for t in freed),
     )
 
 

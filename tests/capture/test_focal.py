@@ -12,8 +12,8 @@ import pycolmap
 import pytest
 
 from aa4d.capture import focal
-from aa4d.capture.advice import field_of_view_advice
-from aa4d.capture.focal import Start, Tried, best_of, find_start, probed_frames, rivals
+from aa4d.capture.advice import field_of_view_advice, stated_field_of_view_advice
+from aa4d.capture.focal import Start, Tried, best_of, find_start, held_and_freed, probed_frames, rivals
 from aa4d.capture.selfcheck import standing_out
 from aa4d.capture.settings import PRESETS
 
@@ -132,3 +132,56 @@ def test_frames_that_stand_out_are_found() -> None:
     errors = dict.fromkeys(names, 0.4) | {"3": 2.1}
     assert standing_out(names, viewmats, errors, 1.0) == ["3", "7", "8"]
     assert standing_out(names[:7], viewmats[:7], dict.fromkeys(names[:7], 0.4), 1.0) == []
+
+
+def flight(stated_deg: float, heights_m: float) -> pycolmap.Reconstruction:
+    """A clip of 60 degrees, 0.3 px of noise, mapped with a stated field of view that adjustment had to hold.
+
+    The drone flies an arc and looks down at 35 degrees on ground with boxes up to `heights_m`.
+    """
+    random = np.random.default_rng(0)
+    points = np.column_stack([random.uniform(-60, 60, (400, 2)), random.uniform(0, heights_m, 400)])
+    true_px, stated_px = (0.5 * WIDTH / math.tan(math.radians(degrees) / 2) for degrees in (60.0, stated_deg))
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera(model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, params=[stated_px, 640, 360, 0])
+    camera.camera_id = 1
+    model.add_camera_with_trivial_rig(camera)
+    tracks: dict[int, pycolmap.Track] = {i: pycolmap.Track() for i in range(len(points))}
+    for frame in range(12):
+        angle = math.radians(4 * frame)
+        center = np.array([90 * math.sin(angle), -90 * math.cos(angle), 60.0])
+        forward = -center / np.linalg.norm(center)
+        right = np.cross(forward, [0, 0, 1])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        seen = (points - center) @ rotation.T
+        pixels = true_px * seen[:, :2] / seen[:, 2:] + [640, 360] + random.normal(0, 0.3, (len(points), 2))
+        image = pycolmap.Image(name=NAMES[frame], keypoints=pixels, camera_id=1, image_id=frame + 1)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ center)
+        model.add_image_with_trivial_frame(image, pose)
+        for i, track in tracks.items():
+            track.add_element(frame + 1, i)
+    for i, track in tracks.items():
+        model.add_point3D(points[i], track, np.zeros(3, np.uint8))
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = False
+    options.print_summary = False
+    pycolmap.bundle_adjustment(model, options)
+    model.update_point_3d_errors()
+    return model
+
+
+@pytest.mark.parametrize("stated_deg", [40.0, 75.0])
+def test_a_stated_field_of_view_that_the_frames_contradict_is_questioned(stated_deg: float) -> None:
+    held, freed = held_and_freed(flight(stated_deg, 30.0), threads=1)
+    assert held.fov_deg == pytest.approx(stated_deg)
+    assert freed.fov_deg == pytest.approx(60, abs=2)
+    assert freed.error_px == pytest.approx(0.36, abs=0.05)  # the mean length of noise in two directions
+    (said,) = stated_field_of_view_advice(held, freed)
+    assert said.what.startswith(f"--fov {stated_deg:.0f} contradicts the frames: it explains them to ")
+    assert f", and {freed.fov_deg:.0f} degrees would to 0." in said.what
+
+
+@pytest.mark.parametrize(("stated_deg", "heights_m"), [(60.0, 30.0), (62.0, 30.0), (60.0, 0.0)])
+def test_a_right_one_is_not_and_one_that_flat_ground_hardly_tells_neither(stated_deg: float, heights_m: float) -> None:
+    assert stated_field_of_view_advice(*held_and_freed(flight(stated_deg, heights_m), threads=1)) == []
