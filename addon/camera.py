@@ -125,7 +125,8 @@ def animate(owner: bpy.types.ID, path: str, values: Doubles, at: Doubles, interp
     first = values[0].tolist()
     setattr(owner.path_resolve(holder) if holder else owner, name, first if len(first) > 1 else first[0])
     owner.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them
-    curves = owner.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    animation = owner.animation_data  # an object and its data share an action, each with a slot
+    curves = animation.action.layers[0].strips[0].channelbag(animation.action_slot).fcurves
     for index, column in enumerate(values.T):
         curve = curves.find(path, index=index)
         curve.keyframe_points.add(len(column) - 1)

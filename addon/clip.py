@@ -14,7 +14,8 @@ import numpy as np
 
 from .header import FASTEST_FPS, Camera, Doubles, array, number, pinhole, poses_images_and_seconds, require
 
-UNEVEN = 0.01  # share of a step, as `aa4d render` has it
+UNEVEN = 0.01  # share by which the mean step may differ from that of the rate
+JITTER = 0.1  # frames by which one may be early or late: seconds are often rounded to milliseconds
 LONGEST_CLIP = 1_000_000  # frames of its clock: what Blender's timeline holds
 
 
@@ -34,7 +35,7 @@ class Clip:
     @property
     def frame_count(self) -> int:
         """The number of frames of the clip's clock."""
-        return math.ceil(self.ranks[-1] - UNEVEN) + 1
+        return math.ceil(self.ranks[-1] - JITTER) + 1
 
     @property
     def is_even(self) -> bool:
@@ -81,8 +82,10 @@ def read_clip(path: Path, information: Mapping[str, Any]) -> Clip:
     viewmats, images, seconds = poses_images_and_seconds(information["frames"])
     ranks = (seconds - seconds[0]) * fps
     require(ranks[-1] < LONGEST_CLIP, f"time_s must span fewer than {LONGEST_CLIP:,} frames of the clip's rate")
-    if (np.abs(np.diff(ranks) - 1) < UNEVEN).all():
-        ranks = np.arange(len(ranks), dtype=np.float64)
+    whole = np.arange(len(ranks), dtype=np.float64)
+    step = ranks[-1] / max(whole[-1], 1)
+    if (len(ranks) == 1 or abs(step - 1) < UNEVEN) and (np.abs(ranks - step * whole) < JITTER).all():
+        ranks = whole
     background = array(information["background"], (3,), "background")
     require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
     capture = information["capture"]

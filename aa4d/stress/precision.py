@@ -59,8 +59,8 @@ class Row:
     subject: str
     arithmetic: str  # of `DTYPES`
     by: str  # kernel or torch
-    value_error: float  # the worst output
-    gradient_error: float  # the worst input
+    value_error: float | None  # the worst output; None where something is not finite
+    gradient_error: float | None  # the worst input; likewise
     ms: float
 
 
@@ -205,15 +205,15 @@ def measure(subject: Subject, repeats: int) -> Iterator[Row]:
     for arithmetic, by, f, dtype in sorted(ways, key=lambda way: list(DTYPES).index(way[0])):
         inputs = [x.to(dtype) for x in subject.inputs]
         found = values_and_gradients(f, inputs)
-        value, gradient = (max(map(relative, ours, theirs)) for ours, theirs in zip(found, truth, strict=True))
+        value, gradient = (worst(ours, theirs) for ours, theirs in zip(found, truth, strict=True))
         seconds = min(_seconds(lambda f=f, inputs=inputs: values_and_gradients(f, inputs)) for _ in range(repeats))
         yield Row(subject.name, arithmetic, by, value, gradient, 1e3 * seconds)
 
 
-def relative(found: Tensor, truth: Tensor) -> float:
-    """In the norm; infinite where something is not finite."""
-    error = (found.double() - truth).norm() / truth.norm().clamp_min(1e-12)
-    return float(error) if error.isfinite() else float("inf")
+def worst(found: Sequence[Tensor], truth: Sequence[Tensor]) -> float | None:
+    """The largest relative error in the norm; None where something is not finite."""
+    errors = [(a.double() - b).norm() / b.norm().clamp_min(1e-12) for a, b in zip(found, truth, strict=True)]
+    return float(max(errors)) if all(error.isfinite() for error in errors) else None
 
 
 def _seconds(run: Callable[[], object]) -> float:
@@ -232,7 +232,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     axes = picture.add_subplot()
     names = list(dict.fromkeys(row.subject for row in rows))
     for i, name in enumerate(names):
-        own = [row for row in rows if row.subject == name and row.arithmetic != "float64"]
+        own = [row for row in rows if row.subject == name and row.gradient_error]  # of float64 it is 0
         color = f"C{i % 10}" if i < 10 else "k"
         axes.plot([row.ms for row in own], [row.gradient_error for row in own], "-", color=color, alpha=0.25)
         for row in own:
@@ -246,6 +246,10 @@ def figure(rows: Sequence[Row]) -> Figure:
     axes.grid(alpha=0.3)
     picture.legend(loc="outside right upper", fontsize=8)
     return picture
+
+
+def _shown(error: float | None) -> str:
+    return "not finite" if error is None else f"{error:.1e}"
 
 
 def main(
@@ -267,8 +271,8 @@ def main(
         for row in measure(subject, repeats):
             rows.append(row)
             print(
-                f"{row.subject:20} {row.arithmetic:9} {row.by:7} values {row.value_error:.1e}  "
-                f"gradients {row.gradient_error:.1e}  {row.ms:8.2f} ms",
+                f"{row.subject:20} {row.arithmetic:9} {row.by:7} values {_shown(row.value_error)}  "
+                f"gradients {_shown(row.gradient_error)}  {row.ms:8.2f} ms",
                 flush=True,
             )
     if json is not None:

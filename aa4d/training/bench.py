@@ -21,12 +21,15 @@ from torch.autograd.profiler import profile
 from aa4d import _native
 from aa4d.capture.reader import Capture
 from aa4d.capture.schema import Frame, PinholeCamera
+from aa4d.field.mlp import use_arithmetic
 from aa4d.files import write_json
 from aa4d.identity import Identity
+from aa4d.kernels.two_layer import ARITHMETIC
 from aa4d.methods import method_of
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D
 from aa4d.methods.adaanchor4d.settings import PRESETS
 from aa4d.methods.rendering import render
+from aa4d.methods.scene_model import SceneModel
 from aa4d.training.checkpoints import TrainingState
 from aa4d.training.frames import training_frames
 from aa4d.training.trainer import Run
@@ -34,6 +37,7 @@ from aa4d.training.trainer import Run
 FRAMES = 16
 WARM_UP = 5
 PROFILED = 5
+ALTERNATED = 8  # iterations in each arithmetic
 
 # Names of profiled operations, by how they begin; what fits none is OTHER.
 PARTS = {
@@ -71,6 +75,7 @@ class Row:
     iterations_per_second: float  # of the fine stage
     render_fps: float  # deform, decode and rasterise
     peak_mib: float  # resident memory of the whole process at its highest
+    processor_ms: dict[str, float]  # of an iteration, all threads, the least, in each arithmetic of the networks
     kernels_ms: float  # of an iteration: the sum of all profiled operations
     parts: dict[str, float]  # and the share of each part in it
 
@@ -138,6 +143,7 @@ def measure(workload: Workload, seconds: float) -> Row:
         iteration_seconds = _median_seconds(iterate, seconds)
         peak = _peak_mib()
         frame_seconds = _median_seconds(draw, seconds)
+        processor_ms = _processor_ms(state.model, iterate)
         with profile(use_kineto=False) as profiler:
             for _ in range(PROFILED):
                 iterate()
@@ -153,6 +159,7 @@ def measure(workload: Workload, seconds: float) -> Row:
         iterations_per_second=1 / iteration_seconds,
         render_fps=1 / frame_seconds,
         peak_mib=peak,
+        processor_ms=processor_ms,
         kernels_ms=total,
         parts={name: value / total for name, value in parts.items()},
     )
@@ -209,6 +216,19 @@ def _median_seconds(run: Callable[[], None], seconds: float) -> float:
     return statistics.median(times)
 
 
+def _processor_ms(model: SceneModel, run: Callable[[], None]) -> dict[str, float]:
+    """The least in each arithmetic, by turns, so that what else the machine does meets all of them."""
+    times: dict[str, list[float]] = {name: [] for name in ARITHMETIC}
+    for _ in range(ALTERNATED):
+        for name in ARITHMETIC:
+            use_arithmetic(model, name)
+            started = time.process_time()
+            run()
+            times[name].append(1e3 * (time.process_time() - started))
+    use_arithmetic(model, ARITHMETIC[0])
+    return {name: min(of_name) for name, of_name in times.items()}
+
+
 def _forget_peak() -> None:
     try:
         Path("/proc/self/clear_refs").write_text("5")
@@ -231,8 +251,13 @@ def _summary(row: Row) -> str:
         f"{_native.field.instruction_set()}:\n"
         f"{row.iterations_per_second:.1f} iterations/s ({row.iteration_ms:.1f} ms, "
         f"{row.iteration_ms / row.kernels_ms:.2f} x the sum of its kernels),\n"
-        f"{row.render_fps:.0f} rendered frames/s, peak {row.peak_mib:.0f} MiB"
+        f"{row.render_fps:.0f} rendered frames/s, peak {row.peak_mib:.0f} MiB,\n"
+        f"{_by_arithmetic(row)} ms of the processor an iteration"
     )
+
+
+def _by_arithmetic(row: Row) -> str:
+    return ", ".join(f"{name} {ms:.1f}" for name, ms in row.processor_ms.items())
 
 
 def _parts_table(row: Row) -> Table:

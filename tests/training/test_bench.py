@@ -19,6 +19,10 @@ def test_the_benchmark_writes_its_keys_and_a_readable_table(tmp_path: Path) -> N
     assert result["iterations_per_second"] == pytest.approx(1e3 / float(str(result["iteration_ms"])))
     assert float(str(result["render_fps"])) > 0
     assert float(str(result["peak_mib"])) > 50
+    processor = result["processor_ms"]
+    assert isinstance(processor, dict)
+    assert set(processor) == {"float32", "bfloat16"}
+    assert min(processor.values()) > 0
     parts = result["parts"]
     assert isinstance(parts, dict)
     assert sum(parts.values()) == pytest.approx(1)
