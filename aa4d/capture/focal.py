@@ -22,7 +22,8 @@ from aa4d.capture.settings import Reconstruction
 
 STARTS_DEG = (30.0, 45.0, 75.0, 95.0)  # fields of view across the longest side; the usual guess comes before them
 MOST_PROBED = 24  # frames: enough to see around things, few enough to be mapped several times
-FEWEST_PROBED = 10
+SPREAD_OVER = 10  # frames at least, where the clip has them
+FEWEST_PROBED = 3  # frames: with fewer there is no model
 GLOBAL = "global mapper"
 HELD = "held"
 FREED = "freed"
@@ -126,7 +127,7 @@ def find_start(
 
 def probed_frames(names: list[str], window: int) -> list[str]:
     """Frames of the middle of the clip, at most the window apart: such pairs are matched, and twice as far too."""
-    spread = names[:: max(min(window, len(names) // FEWEST_PROBED), 1)]
+    spread = names[:: max(min(window, len(names) // SPREAD_OVER), 1)]
     first = max((len(spread) - MOST_PROBED) // 2, 0)
     return spread[first : first + MOST_PROBED]
 

@@ -57,16 +57,21 @@ def fov_in(path: Path) -> float:
 
 
 def start_of(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, found: dict[int, Any], globally: Any, stated: bool = False
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    found: dict[int, Any],
+    globally: Any,
+    stated: bool = False,
+    names: list[str] = NAMES,
 ) -> Start:
     monkeypatch.setattr(focal, "map_globally", lambda *_: globally)
 
     def map_part(path: Path, part: list[str], _: Path) -> Any:
-        assert part == probed_frames(NAMES, 3)
+        assert part == probed_frames(names, 3)
         return None if (made := found.get(round(fov_in(path)))) is None else Model(*made)
 
     given, settings = database(folder / "database.db", stated), replace(PRESETS["fast"], window=3)
-    return find_start(given, folder, NAMES, settings, 0, 1, folder, map_part, lambda model: model.fov_deg < 120)
+    return find_start(given, folder, names, settings, 0, 1, folder, map_part, lambda model: model.fov_deg < 120)
 
 
 def test_a_local_minimum_is_left_for_a_better_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,6 +88,17 @@ def test_without_a_global_mapper_all_starts_are_tried(tmp_path: Path, monkeypatc
     start = start_of(tmp_path, monkeypatch, FOUND, None)
     assert [t.start for t in start.tried] == [f"{d} degrees" for d in (64, 30, 45, 75, 95)]
     assert start.tried[start.chosen].fov_deg == pytest.approx(60)
+
+
+@pytest.mark.parametrize("frames", [3, 9])
+def test_a_clip_of_few_frames_is_tried_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
+    start = start_of(tmp_path, monkeypatch, FOUND, None, names=NAMES[:frames])
+    assert start.probed == frames
+    assert start.tried[start.chosen].fov_deg == pytest.approx(60)
+
+
+def test_two_frames_are_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert start_of(tmp_path, monkeypatch, FOUND, None, names=NAMES[:2]) == Start(tmp_path / "database.db")
 
 
 def test_where_the_usual_start_is_as_good_nothing_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,15 +27,15 @@ inline Vector high(Bits pairs) { return reinterpret_cast<Vector>(pairs & 0xffff0
 #if defined(__AVX512BF16__)
 
 inline Vector multiply_add(Vector sum, std::uint32_t left, Bits right) {
-  return reinterpret_cast<Vector>(_mm512_dpbf16_ps(reinterpret_cast<__m512>(sum),
-                                                   reinterpret_cast<__m512bh>(_mm512_set1_epi32(static_cast<int>(left))),
-                                                   reinterpret_cast<__m512bh>(right)));
+  return reinterpret_cast<Vector>(_mm512_dpbf16_ps(
+      reinterpret_cast<__m512>(sum), reinterpret_cast<__m512bh>(_mm512_set1_epi32(static_cast<int>(left))),
+      reinterpret_cast<__m512bh>(right)));
 }
 
 // The numbers of two rows, side by side.
 inline Bits interleave(Vector first, Vector second) {
-  const __m512i both = reinterpret_cast<__m512i>(
-      _mm512_cvtne2ps_pbh(reinterpret_cast<__m512>(second), reinterpret_cast<__m512>(first)));
+  const __m512i both =
+      reinterpret_cast<__m512i>(_mm512_cvtne2ps_pbh(reinterpret_cast<__m512>(second), reinterpret_cast<__m512>(first)));
   const __m512i order = _mm512_set_epi16(31, 15, 30, 14, 29, 13, 28, 12, 27, 11, 26, 10, 25, 9, 24, 8, 23, 7, 22, 6, 21,
                                          5, 20, 4, 19, 3, 18, 2, 17, 1, 16, 0);
   return reinterpret_cast<Bits>(_mm512_permutexvar_epi16(order, both));

@@ -164,7 +164,8 @@ void networks_backward(const Matrix& x, const std::vector<LayerTensors>& network
     out.push_back({w1.data(), b1.data(), w2.data(), b2.data()});
   }
   const nb::gil_scoped_release release;
-  field::networks_backward(layers, time, x.shape(0), x.data(), d_y, pointer(d_x), out, arithmetic_of(bfloat16), threads);
+  field::networks_backward(layers, time, x.shape(0), x.data(), d_y, pointer(d_x), out, arithmetic_of(bfloat16),
+                           threads);
 }
 
 nb::tuple compare_images(const Array<-1, -1, 3>& image, const Array<-1, -1, 3>& target, float dssim,

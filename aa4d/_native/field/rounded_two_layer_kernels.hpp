@@ -14,7 +14,7 @@ inline constexpr int kTile = 8, kMostVectors = 2;
 inline constexpr int kTile = 4, kMostVectors = 1;
 #endif
 
-// c [rows, columns] from pairs a and b: the sum over `depth` pairs. The pair k of row i stands at
+// The factors of [rows, columns] sums over `depth` pairs of numbers. The pair k of row i stands at
 // a[i * a_row + k * a_column], that of a column at b[k * b_row + column].
 struct Product {
   int rows, columns, depth;
@@ -111,6 +111,7 @@ inline void take_input(const RoundedScratch& s, int inputs, int rows, const floa
   round_rows(x, rows, inputs, s.input_rows, for_backward ? s.input_pairs : nullptr, nullptr);
 }
 
+// Both take their input from `take_input`.
 inline void network_forward(const RoundedNetwork& n, const RoundedScratch& s, int rows, float* y) {
   const int all = padded_rows(rows), across = pair_stride(n.hidden);
   multiply(
@@ -172,7 +173,9 @@ inline void network_backward(const RoundedNetwork& n, const RoundedScratch& s, i
   // Sums over rows: those beyond `rows` have gradients of zero.
   const auto add_to = [](float* weights, int row_stride) {
     return [=](int row, int column, Vector(&sum)[kTile]) {
-      for (int i = 0; i < kTile; ++i) store(weights + static_cast<std::ptrdiff_t>(row + i) * row_stride + column, sum[i]);
+      for (int i = 0; i < kTile; ++i) {
+        store(weights + static_cast<std::ptrdiff_t>(row + i) * row_stride + column, sum[i]);
+      }
     };
   };
   const auto begin_with = [](const float* weights, int row_stride) {
@@ -181,12 +184,12 @@ inline void network_backward(const RoundedNetwork& n, const RoundedScratch& s, i
   multiply({padded_rows(n.outputs), padded(n.hidden), all / 2, s.output_pairs, 1, stride(n.outputs), s.hidden_pairs,
             stride(n.hidden)},
            begin_with(gradient.output_rows, stride(n.hidden)), add_to(gradient.output_rows, stride(n.hidden)));
-  multiply({padded_rows(n.hidden), padded(n.inputs), all / 2, s.hidden_gradient_pairs, 1, stride(n.hidden), s.input_pairs,
-            stride(n.inputs)},
+  multiply({padded_rows(n.hidden), padded(n.inputs), all / 2, s.hidden_gradient_pairs, 1, stride(n.hidden),
+            s.input_pairs, stride(n.inputs)},
            begin_with(gradient.hidden_rows, stride(n.inputs)), add_to(gradient.hidden_rows, stride(n.inputs)));
   if (d_x == nullptr) return;
-  multiply({all, padded(n.inputs), pairs(n.hidden), s.hidden_rows, across, 1, n.hidden_rows, stride(n.inputs)},
-           zero, [&](int row, int column, Vector(&sum)[kTile]) {
+  multiply({all, padded(n.inputs), pairs(n.hidden), s.hidden_rows, across, 1, n.hidden_rows, stride(n.inputs)}, zero,
+           [&](int row, int column, Vector(&sum)[kTile]) {
              const int count = n.inputs - column;
              for (int i = 0; i < kTile && row + i < rows; ++i) {
                float* const out = d_x + static_cast<std::ptrdiff_t>(row + i) * n.inputs + column;
