@@ -122,7 +122,7 @@ def in_one_hemisphere(quaternions: Doubles) -> Doubles:
 def animate(owner: bpy.types.ID, path: str, values: Doubles, at: Doubles, interpolation: str = "LINEAR") -> None:
     """Key the property with a row of values [n, components] each; `at` [n] in frames from the timeline's first."""
     holder, _, name = path.rpartition(".")
-    first = values[0].tolist()
+    first = values[0].tolist()  # of one number: frames, which Blender takes as whole numbers only
     setattr(owner.path_resolve(holder) if holder else owner, name, first if len(first) > 1 else round(first[0]))
     owner.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them
     animation = owner.animation_data  # an object and its data share an action, each with a slot
