@@ -64,11 +64,11 @@ def show_frames(camera: bpy.types.Object, clip: Clip, stretch: float) -> bool:
     user.frame_start, user.frame_duration = names.FIRST_FRAME, count
     user.frame_offset = number - 1  # Blender takes the first file of a sequence for number 1
     if not clip.is_even:  # Blender shows a file a frame: the offset makes up for it
-        frames = np.arange(math.ceil(clip.ranks[-1] * stretch) + 1, dtype=np.float64)
-        user.frame_duration = len(frames)
-        shown = np.searchsorted(clip.ranks, frames / stretch + 1e-4, side="right") - 1
-        path_of_offset = "background_images[0].image_user.frame_offset"
-        animate(camera.data, path_of_offset, (number - 1 + shown - frames)[:, None], frames, "CONSTANT")
+        at = np.arange(math.ceil(clip.ranks[-1] * stretch) + 1, dtype=np.float64)
+        user.frame_duration = len(at)
+        shown = np.searchsorted(clip.ranks, at / stretch + 1e-4, side="right") - 1
+        offsets = (number - 1 + shown - at)[:, None]
+        animate(camera.data, "background_images[0].image_user.frame_offset", offsets, at, "CONSTANT")
     elif stretch != 1:
         user.frame_duration = math.ceil((count - 1) * stretch) + 1
         driver = camera.data.driver_add("background_images[0].image_user.frame_offset").driver
@@ -122,8 +122,8 @@ def in_one_hemisphere(quaternions: Doubles) -> Doubles:
 def animate(owner: bpy.types.ID, path: str, values: Doubles, at: Doubles, interpolation: str = "LINEAR") -> None:
     """Key the property with a row of values [n, components] each; `at` [n] in frames from the timeline's first."""
     holder, _, name = path.rpartition(".")
-    first = values[0].tolist()
-    setattr(owner.path_resolve(holder) if holder else owner, name, first if len(first) > 1 else first[0])
+    first = values[0].tolist()  # of one number: frames, which Blender takes as whole numbers only
+    setattr(owner.path_resolve(holder) if holder else owner, name, first if len(first) > 1 else round(first[0]))
     owner.keyframe_insert(path, frame=names.FIRST_FRAME)  # makes the action and its slot as this Blender wants them
     animation = owner.animation_data  # an object and its data share an action, each with a slot
     curves = animation.action.layers[0].strips[0].channelbag(animation.action_slot).fcurves

@@ -12,7 +12,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -207,7 +206,7 @@ def measure(subject: Subject, repeats: int) -> Iterator[Row]:
         inputs = [x.to(dtype) for x in subject.inputs]
         found = values_and_gradients(f, inputs)
         value, gradient = (worst(ours, theirs) for ours, theirs in zip(found, truth, strict=True))
-        seconds = min(_seconds(partial(values_and_gradients, f, inputs)) for _ in range(repeats))
+        seconds = min(_seconds(f, inputs) for _ in range(repeats))
         yield Row(subject.name, arithmetic, by, value, gradient, 1e3 * seconds)
 
 
@@ -217,9 +216,9 @@ def worst(found: Sequence[Tensor], truth: Sequence[Tensor]) -> float | None:
     return float(max(errors)) if all(error.isfinite() for error in errors) else None
 
 
-def _seconds(run: Callable[[], object]) -> float:
+def _seconds(f: Function, inputs: Sequence[Tensor]) -> float:
     start = time.process_time()
-    run()
+    values_and_gradients(f, inputs)
     return time.process_time() - start
 
 
@@ -233,11 +232,11 @@ def figure(rows: Sequence[Row]) -> Figure:
     axes = picture.add_subplot()
     names = list(dict.fromkeys(row.subject for row in rows))
     for i, name in enumerate(names):
-        # Of float64 the error is 0, which a logarithmic axis does not have.
-        own = [(row, row.gradient_error) for row in rows if row.subject == name and row.gradient_error]
+        own = [row for row in rows if row.subject == name]
+        shown = [(row, row.gradient_error) for row in own if row.gradient_error]  # of float64 it is 0
         color = f"C{i % 10}" if i < 10 else "k"
-        axes.plot([row.ms for row, _ in own], [error for _, error in own], "-", color=color, alpha=0.25)
-        for row, error in own:
+        axes.plot([row.ms for row, _ in shown], [error for _, error in shown], "-", color=color, alpha=0.25)
+        for row, error in shown:
             axes.plot(row.ms, error, MARKS[row.arithmetic, row.by], color=color, markersize=8)
         axes.plot([], [], "-", color=color, label=name)
     for (arithmetic, by), mark in MARKS.items():

@@ -25,6 +25,8 @@ def what_counts(settings: RunSettings) -> dict[str, Any]:
     training = asdict(settings)
     if settings.motion is None:
         del training["motion"], training["rates"]["tracks"], training["rates"]["heading"]
+    if settings.arithmetic == "float32":
+        del training["arithmetic"]
     if not settings.leave_out:
         del training["leave_out"]
     if settings.true_depth == 0:
