@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import torch
 
-from aa4d.methods import METHODS, presets_of
+from aa4d.methods import DEFAULT, METHODS, presets_of
 from aa4d.methods.settings import AnchorSettings
 from aa4d.training.bench import STANDARD, Workload
 from aa4d.training.bench import measure as measure_iteration
@@ -32,7 +33,7 @@ def measure(asked: Asked, keep: Keep) -> None:
             break
         units = min(anchors) if asked.is_tiny else _units(method)
         workload = Workload(units, *min(sizes))
-        methods[method] = attempt(lambda m=method, w=workload: asdict(measure_iteration(w, seconds, device, m)))
+        methods[method] = attempt(partial(_row, workload, seconds, device, method))
         keep("methods", methods)
     rows: list[dict[str, Any]] = []
     last_s = 0.0
@@ -44,9 +45,13 @@ def measure(asked: Asked, keep: Keep) -> None:
             started = time.perf_counter()
             workload = Workload(count, width, height)
             asked_for = {"asked": asdict(workload)}
-            rows.append(asked_for | attempt(lambda w=workload: asdict(measure_iteration(w, seconds, device))))
+            rows.append(asked_for | attempt(partial(_row, workload, seconds, device, DEFAULT)))
             last_s = time.perf_counter() - started
             keep("growth", rows)
+
+
+def _row(workload: Workload, seconds: float, device: torch.device, method: str) -> dict[str, Any]:
+    return asdict(measure_iteration(workload, seconds, device, method))
 
 
 def _units(method: str) -> int:

@@ -93,14 +93,13 @@ def first_picture(work: Path) -> dict[str, Any]:
     """Draw one Gaussian: gsplat is found, loads, and runs on the card."""
     sys.path.insert(0, str(work / "site"))
     import torch
-    from raster_scenes import one_gaussian, straight_camera
 
-    import tests.hard_cases  # noqa: F401, it makes raster_scenes importable
     from aa4d.raster import Gaussians, rasterize
+    from tests.hard_cases import raster as scenes
 
-    given = {name: value.float().cuda() for name, value in vars(one_gaussian()).items() if value is not None}
+    given = {name: value.float().cuda() for name, value in vars(scenes.one_gaussian()).items() if value is not None}
     started = time.perf_counter()
-    image = rasterize(Gaussians(**given), straight_camera(), background=torch.zeros(3, device="cuda"))
+    image = rasterize(Gaussians(**given), scenes.straight_camera(), background=torch.zeros(3, device="cuda"))
     return {"largest_alpha": image.alpha.max().item(), "first_call_s": time.perf_counter() - started}
 
 

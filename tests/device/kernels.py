@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -48,11 +49,11 @@ def measure(asked: Asked, keep: Keep) -> None:
     device = torch.device(asked.device)
     rows: dict[str, Any] = {}
     for name, kernel in kernels(asked.is_tiny).items():
-        rows[name] = {"exactness": attempt(lambda kernel=kernel: exactness(kernel, device))}
-        rows[name]["twin"] = attempt(lambda kernel=kernel: cost(kernel.twin, kernel.inputs, device, asked.is_tiny))
-        rows[name]["compiled"] = attempt(lambda kernel=kernel: compiled(kernel, device, asked.is_tiny))
+        rows[name] = {"exactness": attempt(partial(exactness, kernel, device))}
+        rows[name]["twin"] = attempt(partial(cost, kernel.twin, kernel.inputs, device, asked.is_tiny))
+        rows[name]["compiled"] = attempt(partial(compiled, kernel, device, asked.is_tiny))
         if device.type == "cuda":
-            rows[name]["graph"] = attempt(lambda kernel=kernel: graphed(kernel, device))
+            rows[name]["graph"] = attempt(partial(graphed, kernel, device))
         keep("kernels", rows)
     workload = Workload(60, 64, 36) if asked.is_tiny else STANDARD
     seconds = 0.0 if asked.is_tiny else 2.0
@@ -61,9 +62,13 @@ def measure(asked: Asked, keep: Keep) -> None:
         if asked.seconds_left < 10 and iteration:
             break
         with switched():
-            iteration[name] = attempt(lambda: asdict(measure_iteration(workload, seconds, device)))
+            iteration[name] = attempt(partial(_iteration, workload, seconds, device))
         iteration[name]["graphs_compiled"] = torch._dynamo.utils.counters["stats"].get("unique_graphs", 0)
         keep("iteration", iteration)
+
+
+def _iteration(workload: Workload, seconds: float, device: torch.device) -> dict[str, Any]:
+    return asdict(measure_iteration(workload, seconds, device))
 
 
 def kernels(is_tiny: bool) -> dict[str, Kernel]:
@@ -109,8 +114,8 @@ def kernels(is_tiny: bool) -> dict[str, Kernel]:
             [*planes, place, scores],
         ),
         "two-layer networks": Kernel(
-            lambda x: list(two_layer(x[0], grouped(x[1:]))),  # type: ignore[arg-type]
-            lambda x: list(_two_layer(x[0], grouped(x[1:]))),  # type: ignore[arg-type]
+            lambda x: list(two_layer(x[0], grouped(x[1:]))),
+            lambda x: list(_two_layer(x[0], grouped(x[1:]))),
             [normal(count, features), *networks],
         ),
         "local Gaussians": Kernel(
@@ -143,7 +148,7 @@ def cost(call: Call, inputs: Sequence[Tensor], device: torch.device, is_tiny: bo
     wanted = [x for x in given if x.requires_grad]
 
     def both() -> None:
-        torch.autograd.grad(sum(y.sum() for y in call(given)), wanted)  # type: ignore[arg-type]
+        torch.autograd.grad(sum(y.sum() for y in call(given)), wanted)
 
     times = []
     for _ in range(2 if is_tiny else REPEATS):
@@ -181,7 +186,7 @@ def compiled(kernel: Kernel, device: torch.device, is_tiny: bool) -> dict[str, A
     for _ in range(3 if is_tiny else REPEATS):
         wait_for(device)
         started = time.perf_counter()
-        torch.autograd.grad(sum(y.sum() for y in call(given)), wanted)  # type: ignore[arg-type]
+        torch.autograd.grad(sum(y.sum() for y in call(given)), wanted)
         wait_for(device)
         times.append(time.perf_counter() - started)
     found = values_and_gradients(call, given)
@@ -209,7 +214,7 @@ def _as_trained() -> Iterator[None]:
 @contextmanager
 def twins_alone() -> Iterator[None]:
     """Torch twins on the CPU too: what a GPU runs."""
-    modules = [import_module(f"aa4d.kernels.{name}") for name in TWINS]
+    modules: list[Any] = [import_module(f"aa4d.kernels.{name}") for name in TWINS]
     kept = [module.runs_native for module in modules]
     for module in modules:
         module.runs_native = lambda *_: False

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,14 @@ GRADIENTS = 1e-3
 OTHER_MAX_ALPHA = 0.999
 MARGIN = 1e-3  # relative distance from a threshold within which float32 may fall on either side
 TILE = 32  # pixels; bounds the memory
+# A rehearsal draws these hard cases alone; others take seconds in the reference.
+REHEARSED = (
+    "covers the whole image",
+    "needle: oblique, 1 m",
+    "quaternion of any length: 0",
+    "opacity of one",
+    "no gaussians",
+)
 # Where gsplat is known to compute something else, by how the name of a hard case begins.
 EXPLAINED = {
     "needle": "gsplat inverts the covariance in float32: the determinant of a needle cancels",
@@ -59,17 +68,22 @@ def measure(asked: Asked, keep: Keep) -> None:
     pair = ("gsplat", "native") if asked.device == "cuda" else ("native", "reference")
     keep("compared", {"drawn_by": pair[0], "against": pair[1], "maps": MAPS, "gradients": GRADIENTS})
     rows: dict[str, Any] = {}
-    named = [(case.name, case) for case in hard_cases.PART.cases]
-    for name, case in named[::8] if asked.is_tiny else named:
-        rows[name] = attempt(lambda case=case: compare(scene_of(case), pair))
+    for case in hard_cases.PART.cases:
+        if asked.is_tiny and case.name not in REHEARSED:
+            continue
+        rows[case.name] = attempt(partial(_compare_case, case, pair))
         keep("hard_cases", rows)
     made_up: dict[str, Any] = {}
     for name, scene in made_up_scenes(asked.is_tiny):
-        made_up[name] = attempt(lambda scene=scene: compare(scene, pair))
+        made_up[name] = attempt(partial(compare, scene, pair))
         keep("made_up", made_up)
     if asked.model is not None:
-        keep("model", attempt(lambda: compare_model(asked, pair)))
+        keep("model", attempt(partial(compare_model, asked, pair)))
     keep("summary", summary(rows | made_up))
+
+
+def _compare_case(case: HardCase, pair: tuple[str, str]) -> dict[str, Any]:
+    return compare(scene_of(case), pair)
 
 
 def summary(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
@@ -110,8 +124,7 @@ def _replaced(name: str, value: Any) -> Iterator[None]:
 
 def made_up_scenes(is_tiny: bool) -> Iterator[tuple[str, Scene]]:
     """Ordinary scenes, for what a training asks for: depth, features, the absolute gradient, both modes."""
-    from raster_scenes import camera, random_gaussians
-
+    camera, random_gaussians = hard_cases.camera, hard_cases.random_gaussians
     count, size = (40, (40, 24, 30.0)) if is_tiny else (2000, (320, 180, 250.0))
     scale = 0.15 if is_tiny else 0.05
     plain = random_gaussians(count, size=scale)
@@ -157,7 +170,7 @@ def drawn(scene: Scene, backend: str, weights: Tensor) -> tuple[Rendering, dict[
     viewmat = scene.camera.viewmat.detach().to(device, dtype if backend == "gsplat" else torch.float64, copy=True)
     viewmat.requires_grad_()
     camera = replace(scene.camera, viewmat=viewmat, K=scene.camera.K.to(device))
-    image = rasterize(Gaussians(**leaves), camera, background=background, backend=backend, **scene.options)  # type: ignore[arg-type]
+    image = rasterize(Gaussians(**leaves), camera, background=background, backend=backend, **scene.options)
     parts = [image.color, image.alpha[..., None]]
     parts += [] if image.depth is None else [image.depth[..., None]]
     parts += [] if image.features is None else [image.features]
@@ -194,7 +207,7 @@ def undecided(scene: Scene, device: str = "cpu") -> Tensor:
     camera, cutoffs = scene.camera, CUTOFFS["fast"]
     gaussians = Gaussians(
         *(None if v is None else v.detach().to(device).double() for v in vars(scene.gaussians).values())
-    )  # type: ignore[arg-type]
+    )
     moved = replace(camera, viewmat=camera.viewmat.detach().to(device).double(), K=camera.K.to(device).double())
     projected = reference.project(gaussians, moved, scene.options.get("mode") == "antialiased", cutoffs)
     found = torch.zeros(camera.height, camera.width, dtype=torch.bool)
@@ -211,7 +224,7 @@ def undecided(scene: Scene, device: str = "cpu") -> Tensor:
             in_front = torch.cat([torch.ones_like(behind[:, :1]), behind[:, :-1]], dim=-1)
             counts = in_front > cutoffs.transmittance  # what lies behind a finished pixel decides nothing
             close = (alpha / cutoffs.alpha - 1).abs() < MARGIN
-            close |= (behind / cutoffs.transmittance - 1).abs() < 0.1  # it multiplies the errors of all in front
+            close |= (behind / cutoffs.transmittance - 1).abs() < 2 * MARGIN  # it gathers the errors of all in front
             close |= alpha > MAX_ALPHA * (1 - MARGIN)
             found[top:bottom, left:right] = (close & counts).any(dim=-1).view(bottom - top, right - left).cpu()
     return found
@@ -229,7 +242,7 @@ def compare_model(asked: Asked, pair: tuple[str, str]) -> dict[str, Any]:
         with torch.no_grad():
             decoded = loaded.model.gaussians(t, camera, loaded.model.visible(t, camera))
         drawn_only = decoded.opacities > 0
-        gaussians = Gaussians(*(None if v is None else v[drawn_only] for v in vars(decoded).values()))  # type: ignore[arg-type]
+        gaussians = Gaussians(*(None if v is None else v[drawn_only] for v in vars(decoded).values()))
         scene = Scene(gaussians, camera, {"outputs": ("depth",)})
         rows[capture.frames[index].name] = {"gaussians": len(gaussians.means)} | compare(scene, pair)
     return {"frames": rows}

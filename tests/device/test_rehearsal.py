@@ -86,7 +86,7 @@ def test_a_part_that_hangs_is_ended_and_what_it_found_is_kept(tmp_path: Path, mo
     slow.parent.mkdir()
     slow.write_text("import sys, time, pathlib\npathlib.Path(sys.argv[0])\ntime.sleep(60)\n")
     monkeypatch.setitem(PARTS, "environment", 1)
-    result = check(Asked("cpu", str(tmp_path)), tmp_path / "out.json", ["environment"], 100, again=False)
+    result = check(Asked("cuda", str(tmp_path)), tmp_path / "out.json", ["environment"], 100, again=False)
     assert result["parts"]["environment"]["status"] == "out of time"
     assert result["parts"]["environment"]["seconds"] < 30
 
@@ -94,11 +94,9 @@ def test_a_part_that_hangs_is_ended_and_what_it_found_is_kept(tmp_path: Path, mo
 def test_only_kernels_that_the_project_can_ask_for_are_built(tmp_path: Path) -> None:
     source = tmp_path / "gsplat-1.5.3/gsplat/cuda/csrc"
     source.mkdir(parents=True)
-    (source / "RasterizeToPixels3DGSFwd.cu").write_text(
-        "#define __INS__(CDIM) a\\\n    b(CDIM)\n"
-        + "".join(f"__INS__({n})\n" for n in build.CHANNELS)
-        + "#undef __INS__\n"
-    )
+    instances = "".join(f"__INS__({n})\n" for n in build.CHANNELS)
+    kernels = f"#define __INS__(CDIM) a\\\n    b(CDIM)\n{instances}#undef __INS__\n"
+    (source / "RasterizeToPixels3DGSFwd.cu").write_text(kernels)
     (source / "Rasterization.cpp").write_text("".join(f"        __LAUNCH_KERNEL__({n})\n" for n in build.CHANNELS))
     archive = tmp_path / build.ARCHIVE
     with tarfile.open(archive, "w:gz") as file:

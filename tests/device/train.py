@@ -10,6 +10,7 @@ import os
 import signal
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,7 @@ def measure(asked: Asked, keep: Keep) -> None:
         if asked.seconds_left < SCORING_S and not asked.is_tiny:
             keep(preset, {"not_trained": "no time was left"})
             continue
-        keep(preset, attempt(lambda preset=preset: trained_and_scored(asked, capture, preset)))
+        keep(preset, attempt(partial(trained_and_scored, asked, capture, preset)))
 
 
 def on_the_cpu() -> dict[str, Any]:
@@ -85,6 +86,6 @@ def trained_and_scored(asked: Asked, capture: Capture, preset: str) -> dict[str,
         "model_mib": (out / "model.safetensors").stat().st_size / 2**20,
     }
     for device in ("cpu", "cuda") if is_cuda else ("cpu",):
-        metrics = evaluate(out, capture.folder, lambda *_: None, device=device).as_json()  # type: ignore[arg-type]
+        metrics = evaluate(out, capture.folder, lambda *_: None, device=device).as_json()
         row[f"scores_on_{device}"] = {name: metrics.get(name) for name in SCORES}
     return row
