@@ -12,14 +12,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from aa4d.raster.constants import MAX_FEATURES
 from tests.device.asked import Asked, Keep, files_in
 
 VERSION = "1.5.3"
 ARCHIVE = f"gsplat-{VERSION}.tar.gz"
-# gsplat compiles each of its kernels for these numbers of channels, and pads others to a power of two.
+# gsplat compiles each of its kernels for these numbers of channels, and pads others to a power of two. What has more
+# than 32 it draws in chunks of 32 (`channel_chunk`).
 CHANNELS = (1, 2, 3, 4, 5, 8, 9, 16, 17, 32, 33, 64, 65, 128, 129, 256, 257, 512, 513)
-MOST_CHANNELS = 1 << (3 + MAX_FEATURES + 1 - 1).bit_length()  # colour, features and depth, padded
+MOST_CHANNELS = 32
 INSTANCE = re.compile(r"^[ \t]*__(?:INS|LAUNCH_KERNEL)__\((\d+)\)[ \t]*\n", re.MULTILINE)
 
 

@@ -23,8 +23,9 @@ done
 export PYTHONPATH="$site${PYTHONPATH:+:$PYTHONPATH}"
 # Here, Python finds the checkout's aa4d before any other: what is compiled goes into it.
 if ! "$python" -c "from aa4d._native import raster" 2>/dev/null; then
-    "$python" -m pip wheel -q --no-index --no-deps --no-build-isolation -w "$out" . \
-        && "$python" -m zipfile -e "$out"/aa4d-*.whl "$out/aa4d-wheel" && cp "$out"/aa4d-wheel/aa4d/_native*.so aa4d/
+    ls "$out"/aa4d-*.whl >/dev/null 2>&1 \
+        || "$python" -m pip wheel -q --no-index --no-deps --no-build-isolation -w "$out" .
+    "$python" -m zipfile -e "$out"/aa4d-*.whl "$out/aa4d-wheel" && cp "$out"/aa4d-wheel/aa4d/_native*.so aa4d/
 fi
 took=$(($(date +%s) - began))
 echo "aa4d and its packages: $took s"

@@ -33,11 +33,17 @@ OTHER = torch.device("meta")
 
 def blurred(gaussians: Gaussians, camera: Camera, *, background: Tensor, outputs: Collection[str]) -> Rendering:
     """Stands for the rasteriser: every input reaches every pixel."""
-    assert not outputs
+    assert set(outputs) <= {"absolute_gradient"}
     mean = sum(value.mean() for value in vars(gaussians).values() if value is not None)
     color = (mean + background + camera.viewmat.sum() + camera.K.sum()).expand(camera.height, camera.width, 3)
     radii = gaussians.opacities.detach().int()
-    return Rendering(color, color[..., 0], None, radii, gaussians.opacities.detach())
+    gathered = gaussians.opacities.detach()
+    return Rendering(color, color[..., 0], None, radii, gathered, gathered if outputs else None)
+
+
+def all_rows(tensor: Tensor) -> Tensor:
+    """Stands for `Tensor.nonzero` of [N], whose shape depends on values: every row."""
+    return torch.arange(len(tensor), device=tensor.device)[:, None]
 
 
 def moved(module: nn.Module, device: torch.device) -> nn.Module:
@@ -92,7 +98,11 @@ def test_no_methods_first_moving_step_mixes_devices(
         "aa4d.methods.scene_model.in_view", lambda position, *_: torch.arange(len(position), device=position.device)
     )
     monkeypatch.setattr(nn.Module, "to", moved)
-    monkeypatch.setattr(Tensor, "__int__", lambda _: 3)  # the degree of harmonics, which a fake tensor does not tell
+    # What a fake tensor does not tell: the degree of harmonics, the length of a clip, a phase, which rows are drawn.
+    monkeypatch.setattr(Tensor, "__int__", lambda _: 3)
+    monkeypatch.setattr(Tensor, "__float__", lambda _: 1.0)
+    monkeypatch.setattr(Tensor, "__bool__", lambda _: False)
+    monkeypatch.setattr(Tensor, "nonzero", all_rows)
     capture = read_capture(toy_capture)
     method = method_of(name)
     settings = method.resolved(with_iterations(presets_of(name)["quick"], 2, 2), len(capture.frames))
