@@ -20,7 +20,7 @@ from typing import Any
 from tests.device.asked import Asked
 
 # In order, and the most seconds that each may take on a GPU, which is borrowed by the minute.
-PARTS = {"environment": 40, "build": 240, "parity": 90, "kernels": 110, "bench": 130, "train": 420}
+PARTS = {"environment": 40, "build": 240, "parity": 60, "kernels": 90, "bench": 110, "train": 420}
 REPORT_S = 10.0  # of a part's time that is kept for writing down what it found
 TAIL = 4000  # characters of a part's output that are kept where it fails
 

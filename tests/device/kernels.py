@@ -46,25 +46,31 @@ class Kernel:
 
 
 def measure(asked: Asked, keep: Keep) -> None:
+    """What compiles comes last: that is what there may be no time for."""
     device = torch.device(asked.device)
     rows: dict[str, Any] = {}
-    for name, kernel in kernels(asked.is_tiny).items():
+    of_size = kernels(asked.is_tiny)
+    for name, kernel in of_size.items():
         rows[name] = {"exactness": attempt(partial(exactness, kernel, device))}
         rows[name]["twin"] = attempt(partial(cost, kernel.twin, kernel.inputs, device, asked.is_tiny))
-        rows[name]["compiled"] = attempt(partial(compiled, kernel, device, asked.is_tiny))
         if device.type == "cuda":
             rows[name]["graph"] = attempt(partial(graphed, kernel, device))
         keep("kernels", rows)
     workload = Workload(60, 64, 36) if asked.is_tiny else STANDARD
     seconds = 0.0 if asked.is_tiny else 2.0
-    iteration: dict[str, Any] = {}
-    for name, switched in (("as trained", _as_trained), ("twins", twins_alone), ("compiled twins", compiled_twins)):
-        if asked.seconds_left < 10 and iteration:
-            break
-        with switched():
-            iteration[name] = attempt(partial(_iteration, workload, seconds, device))
-        iteration[name]["graphs_compiled"] = torch._dynamo.utils.counters["stats"].get("unique_graphs", 0)
-        keep("iteration", iteration)
+    iteration: dict[str, Any] = {"as trained": attempt(partial(_iteration, workload, seconds, device))}
+    if device.type == "cpu":
+        with twins_alone():
+            iteration["twins"] = attempt(partial(_iteration, workload, seconds, device))
+    keep("iteration", iteration)
+    with compiled_twins():
+        iteration["compiled twins"] = attempt(partial(_iteration, workload, seconds, device))
+    iteration["compiled twins"]["graphs_compiled"] = torch._dynamo.utils.counters["stats"].get("unique_graphs", 0)
+    keep("iteration", iteration)
+    for name, kernel in of_size.items():
+        if asked.seconds_left > 0:
+            rows[name]["compiled"] = attempt(partial(compiled, kernel, device, asked.is_tiny))
+            keep("kernels", rows)
 
 
 def _iteration(workload: Workload, seconds: float, device: torch.device) -> dict[str, Any]:
@@ -204,11 +210,6 @@ def graphed(kernel: Kernel, device: torch.device) -> dict[str, Any]:
 
 def _backend(device: torch.device) -> str:
     return "inductor" if device.type == "cuda" else "eager"
-
-
-@contextmanager
-def _as_trained() -> Iterator[None]:
-    yield
 
 
 @contextmanager
