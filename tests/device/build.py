@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tarfile
 import time
+from importlib import invalidate_caches
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ def measure(asked: Asked, keep: Keep) -> None:
             keep("build_s", time.perf_counter() - started)
         keep("wheel_mib", wheels[0].stat().st_size / 2**20)
         _pip("install", "--no-deps", "--no-index", "--target", str(work / "site"), str(wheels[0]))
-    keep("gsplat", first_picture(work))
+    keep("gsplat", first_picture())
 
 
 def native() -> dict[str, Any]:
@@ -89,9 +90,9 @@ def built(source: Path, wheels: Path) -> Path:
     return next(wheels.glob("gsplat-*.whl"))
 
 
-def first_picture(work: Path) -> dict[str, Any]:
+def first_picture() -> dict[str, Any]:
     """Draw one Gaussian: gsplat is found, loads, and runs on the card."""
-    sys.path.insert(0, str(work / "site"))
+    invalidate_caches()  # its folder was not there when this process began
     import torch
 
     from aa4d.raster import Gaussians, rasterize
