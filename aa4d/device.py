@@ -40,4 +40,14 @@ def choose_device(name: DeviceName) -> torch.device:
         )
     if find_spec("gsplat") is None:
         raise InputError("--device cuda: needs the rasteriser gsplat; pip install gsplat, or use --device cpu")
+    # SSIM's variances and LPIPS's distances are small differences: ten bits of mantissa are too few.
+    torch.backends.cudnn.allow_tf32 = False
     return torch.device("cuda")
+
+
+def wait_for(device: torch.device) -> None:
+    """Return when the device has done all that it was asked for; a clock that is read earlier lies."""
+    import torch
+
+    if device.type == "cuda":
+        torch.cuda.synchronize(device)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from tyro.conf import arg
 
+from aa4d.commands.choices import name_in
 from aa4d.console import console
 from aa4d.errors import InputError
 
@@ -15,12 +16,20 @@ Json = Annotated[Path | None, arg(metavar="PATH", help="File to write what was m
 Repeats = Annotated[int, arg(help="Runs of each scene; the best counts.")]
 
 
-def train(json: Json = None) -> None:
+def train(
+    json: Json = None,
+    device: Annotated[
+        str,
+        name_in("aa4d.device", "DEVICES", "--device"),
+        arg(help="auto: the CPU, until CUDA has trained on a real GPU."),
+    ] = "auto",
+) -> None:
     """A training iteration part by part, and how it grows."""
+    from aa4d.device import choose_device
     from aa4d.training import bench
 
     _check(json)
-    bench.bench(json, console)
+    bench.bench(json, console, device=choose_device(device))  # type: ignore[arg-type]
 
 
 def raster(json: Json = None, repeats: Repeats = 7) -> None:

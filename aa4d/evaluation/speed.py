@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 
 from aa4d.capture.reader import Capture
+from aa4d.device import wait_for
 from aa4d.evaluation.views import view_of_frame
 from aa4d.methods.capabilities import HasEvaluationCache
 from aa4d.methods.model_file import LoadedModel
@@ -47,20 +48,15 @@ def _measure(loaded: LoadedModel, capture: Capture) -> tuple[float, int]:
     with torch.no_grad():
         for number in range(WARM_UP_FRAMES + TIMED_FRAMES):
             view = view_of_frame(loaded, capture, number % len(capture.frames))
-            _wait_for_device(loaded.model)
+            wait_for(loaded.model.device)
             started = time.perf_counter()
             gaussians = render(loaded.model, *view).gaussians
-            _wait_for_device(loaded.model)
+            wait_for(loaded.model.device)
             elapsed = time.perf_counter() - started
             if number >= WARM_UP_FRAMES:
                 seconds.append(elapsed)
                 drawn.append(int((gaussians.opacities > 0).sum()))
     return 1 / statistics.median(seconds), round(statistics.fmean(drawn))
-
-
-def _wait_for_device(model: SceneModel) -> None:
-    if model.device.type == "cuda":
-        torch.cuda.synchronize(model.device)
 
 
 def neural_mib(model: SceneModel) -> float:

@@ -50,22 +50,31 @@ def check_shapes(gaussians: Gaussians, camera: Camera, background: Tensor) -> No
 
 def check_camera(camera: Camera, background: Tensor) -> None:
     """Raises ValueError where the camera or the background holds no usable numbers."""
-    for name, tensor in (("viewmat", camera.viewmat), ("K", camera.K), ("background", background)):
+    viewmat, K, background = _on_cpu(camera.viewmat, camera.K, background)
+    for name, tensor in (("viewmat", viewmat), ("K", K), ("background", background)):
         _check_finite(name, tensor)
-    (fx, skew, _), (below, fy, _), _ = camera.K.tolist()
+    (fx, skew, _), (below, fy, _), _ = K.tolist()
     if fx <= 0 or fy <= 0 or skew or below:
         raise ValueError(f"K has focal lengths {fx}, {fy} and skew {skew or below}, expected positive ones and no skew")
-    if camera.K[2].tolist() != [0, 0, 1]:
-        raise ValueError(f"K ends in the row {camera.K[2].tolist()}, expected 0, 0, 1")
-    if not _is_rigid(camera.viewmat):
+    if K[2].tolist() != [0, 0, 1]:
+        raise ValueError(f"K ends in the row {K[2].tolist()}, expected 0, 0, 1")
+    if not _is_rigid(viewmat):
         raise ValueError("viewmat is not a rotation and a translation (it mirrors, scales or shears)")
     if not 0 < camera.near < math.inf:
         raise ValueError(f"near is {camera.near}, expected more than 0 and finite")
 
 
-def _is_rigid(viewmat: Tensor) -> bool:
-    """Up to what float32 and the small steps of learned poses leave."""
-    matrix = viewmat.detach().double().cpu()
+def _on_cpu(*tensors: Tensor) -> list[Tensor]:
+    """Without history, in float64, and fetched from a device at once: each wait for it would idle both."""
+    if len({tensor.device for tensor in tensors}) > 1:
+        return [tensor.detach().double().cpu() for tensor in tensors]
+    values = torch.cat([tensor.detach().double().flatten() for tensor in tensors]).cpu()
+    parts = values.split([tensor.numel() for tensor in tensors])
+    return [part.view(tensor.shape) for part, tensor in zip(parts, tensors, strict=True)]
+
+
+def _is_rigid(matrix: Tensor) -> bool:
+    """Of a float64 pose on the CPU, up to what float32 and the small steps of learned poses leave."""
     rotation = matrix[:3, :3]
     is_orthogonal = (rotation @ rotation.T - torch.eye(3, dtype=torch.float64)).abs().max() < RIGID_TOLERANCE
     return bool(is_orthogonal and torch.linalg.det(rotation) > 0) and matrix[3].tolist() == [0, 0, 0, 1]
@@ -73,9 +82,11 @@ def _is_rigid(viewmat: Tensor) -> bool:
 
 def check_gaussians(gaussians: Gaussians) -> None:
     """Raises ValueError at the first NaN or infinity."""
-    for name, tensor in vars(gaussians).items():
-        if tensor is not None:
-            _check_finite(name, tensor)
+    tensors = {name: tensor.detach() for name, tensor in vars(gaussians).items() if tensor is not None}
+    if torch.stack([tensor.isfinite().all() for tensor in tensors.values()]).all():  # one wait for a device, not six
+        return
+    for name, tensor in tensors.items():
+        _check_finite(name, tensor)
 
 
 def finite(gaussians: Gaussians) -> Tensor:

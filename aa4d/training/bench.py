@@ -16,18 +16,20 @@ import torch
 from PIL import Image
 from rich.console import Console
 from rich.table import Table
+from torch.autograd import DeviceType
 from torch.autograd.profiler import profile
+from torch.profiler import ProfilerActivity
+from torch.profiler import profile as device_profile
 
 from aa4d import _native
 from aa4d.capture.reader import Capture
 from aa4d.capture.schema import Frame, PinholeCamera
+from aa4d.device import wait_for
 from aa4d.field.mlp import use_arithmetic
 from aa4d.files import write_json
 from aa4d.identity import Identity
 from aa4d.kernels.two_layer import ARITHMETIC
-from aa4d.methods import method_of
-from aa4d.methods.adaanchor4d.model import AdaAnchor4D
-from aa4d.methods.adaanchor4d.settings import PRESETS
+from aa4d.methods import DEFAULT, method_of, presets_of
 from aa4d.methods.rendering import render
 from aa4d.methods.scene_model import SceneModel
 from aa4d.training.checkpoints import TrainingState
@@ -49,6 +51,16 @@ PARTS = {
     "Adam": ("aten::_fused_adam_", "Optimizer."),
 }
 OTHER = "rest of torch"
+# The same by what the names of a GPU's kernels hold, in lower case; the first that fits counts.
+DEVICE_PARTS = {
+    "rasteriser": ("gsplat", "rasterize_to_pixels", "projection_ewa", "intersect", "radixsort"),
+    "Adam": ("adam",),
+    "feature planes": ("grid_sampler",),
+    "image loss": ("conv",),
+    "networks": ("gemm", "cutlass", "cublas", "gemv"),
+    "copies": ("memcpy", "memset", "copy_kernel"),
+}
+CPU = torch.device("cpu")
 
 
 @dataclass(frozen=True)
@@ -74,10 +86,11 @@ class Row:
     height: int
     iterations_per_second: float  # of the fine stage
     render_fps: float  # deform, decode and rasterise
-    peak_mib: float  # resident memory of the whole process at its highest
+    peak_mib: float  # at its highest: resident memory of the whole process, or what torch took of a GPU's
     processor_ms: dict[str, float]  # of an iteration, all threads, the least, in each arithmetic of the networks
-    kernels_ms: float  # of an iteration: the sum of all profiled operations
+    kernels_ms: float  # of an iteration: the sum of all profiled operations, on a GPU of its kernels
     parts: dict[str, float]  # and the share of each part in it
+    launches: float | None = None  # of kernels and copies, in an iteration on a GPU
 
     @property
     def iteration_ms(self) -> float:
@@ -91,6 +104,7 @@ def bench(
     standard: Workload = STANDARD,
     growth: Sequence[Workload] = GROWTH,
     seconds: float = 3.0,
+    device: torch.device = CPU,
 ) -> dict[str, object]:
     """Measure, print two tables, and return (and write to `json_path`) the standard workload and the growth.
 
@@ -104,7 +118,7 @@ def bench(
     def measured(workload: Workload) -> Row:
         if workload not in rows:
             with console.status(f"{workload.anchors} anchors at {workload.width}x{workload.height}"):
-                rows[workload] = measure(workload, seconds)
+                rows[workload] = measure(workload, seconds, device)
         return rows[workload]
 
     row = measured(standard)
@@ -124,11 +138,11 @@ def bench(
     return result
 
 
-def measure(workload: Workload, seconds: float) -> Row:
-    """Train the fine stage on a made-up capture of this size."""
-    _forget_peak()
+def measure(workload: Workload, seconds: float, device: torch.device = CPU, method: str = DEFAULT) -> Row:
+    """Train the first moving stage of a method's preset `paper` on a made-up capture of this size."""
+    _forget_peak(device)
     with tempfile.TemporaryDirectory() as folder:
-        run, state = _prepare(workload, Path(folder))
+        run, state = prepare(workload, Path(folder), device, method)
 
         def iterate() -> None:
             run.step(state)
@@ -140,18 +154,12 @@ def measure(workload: Workload, seconds: float) -> Row:
             with torch.no_grad():
                 render(state.model, view.t, view.camera, run.frames.background)
 
-        iteration_seconds = _median_seconds(iterate, seconds)
-        peak = _peak_mib()
-        frame_seconds = _median_seconds(draw, seconds)
+        iteration_seconds = _median_seconds(iterate, seconds, device)
+        peak = _peak_mib(device)
+        frame_seconds = _median_seconds(draw, seconds, device)
         processor_ms = _processor_ms(state.model, iterate)
-        with profile(use_kineto=False) as profiler:
-            for _ in range(PROFILED):
-                iterate()
-    parts = dict.fromkeys((*PARTS, OTHER), 0.0)
-    for event in profiler.key_averages():
-        part = next((name for name, starts in PARTS.items() if event.key.startswith(starts)), OTHER)
-        parts[part] += event.self_cpu_time_total / PROFILED / 1e3
-    total = sum(parts.values())
+        times, launches = _profiled(iterate) if device.type == "cpu" else _profiled_on_device(iterate)
+    total = sum(times.values())
     return Row(
         anchors=len(state.model),
         width=workload.width,
@@ -161,23 +169,60 @@ def measure(workload: Workload, seconds: float) -> Row:
         peak_mib=peak,
         processor_ms=processor_ms,
         kernels_ms=total,
-        parts={name: value / total for name, value in parts.items()},
+        parts={name: value / total for name, value in times.items()},
+        launches=launches,
     )
 
 
-def _prepare(workload: Workload, folder: Path) -> tuple[Run, TrainingState]:
-    """A fine stage past its beginning, when statistics are gathered and no anchor comes or goes."""
+def _profiled(iterate: Callable[[], None]) -> tuple[dict[str, float], None]:
+    """Milliseconds of an iteration in each of `PARTS`, and in the rest."""
+    with profile(use_kineto=False) as profiler:
+        for _ in range(PROFILED):
+            iterate()
+    times = dict.fromkeys((*PARTS, OTHER), 0.0)
+    for event in profiler.key_averages():
+        part = next((name for name, starts in PARTS.items() if event.key.startswith(starts)), OTHER)
+        times[part] += event.self_cpu_time_total / PROFILED / 1e3
+    return times, None
+
+
+def _profiled_on_device(iterate: Callable[[], None]) -> tuple[dict[str, float], float]:
+    """Milliseconds of an iteration in the kernels of each of `DEVICE_PARTS` and the rest, and how many are launched."""
+    with device_profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as profiler:
+        for _ in range(PROFILED):
+            iterate()
+        torch.cuda.synchronize()
+    times, launches = dict.fromkeys((*DEVICE_PARTS, OTHER), 0.0), 0.0
+    for event in profiler.key_averages():
+        # A span that torch names, as it does an optimiser's step, is shown on the device too, and is no kernel.
+        if event.device_type != DeviceType.CUDA or event.is_user_annotation:
+            continue
+        name = event.key.lower()
+        part = next((part for part, words in DEVICE_PARTS.items() if any(word in name for word in words)), OTHER)
+        times[part] += event.self_device_time_total / PROFILED / 1e3
+        launches += event.count / PROFILED
+    return times, launches
+
+
+def prepare(workload: Workload, folder: Path, device: torch.device, method: str) -> tuple[Run, TrainingState]:
+    """A moving stage past its beginning, when statistics are gathered and no unit comes or goes.
+
+    Of a method of free Gaussians, a unit is one of them.
+    """
     spacing_px = (workload.width * workload.height / workload.anchors) ** 0.5
-    settings = replace(PRESETS["paper"], voxel_px=0.5 * spacing_px)  # every point becomes an anchor
+    # Every point becomes a unit.
+    settings = replace(presets_of(method)["paper"], voxel_px=0.5 * spacing_px)  # type: ignore[call-arg]
     capture = _capture(workload, spacing_px, folder)
-    settings = method_of(settings.method).resolved(settings, len(capture.frames))
-    run = Run(training_frames(capture, torch.device("cpu")), folder, settings)
+    settings = method_of(method).resolved(settings, len(capture.frames))
+    run = Run(training_frames(capture, device), folder, settings)
     state = run.initial_state()
     run.enter(state, run.schedule.first_moving)
-    assert isinstance(state.model, AdaAnchor4D)
-    with torch.no_grad():  # as after some training: half of the Gaussians are visible, none like another
-        state.model.anchors.feature.normal_()
-        state.model.anchors.offset.normal_(0, 0.7)
+    with torch.no_grad():  # as after some training: half of an anchor's Gaussians are visible, none like another
+        for name, parameter in state.model.named_parameters():
+            if name == "anchors.feature":
+                parameter.normal_()
+            elif name == "anchors.offset":
+                parameter.normal_(0, 0.7)
     state.iteration = settings.densification.statistics_from + 1
     return run, state
 
@@ -204,14 +249,16 @@ def _capture(workload: Workload, spacing_px: float, folder: Path) -> Capture:
     return Capture(folder, "bench", nobody, 10.0, camera, tuple(frames), points, colors, None)
 
 
-def _median_seconds(run: Callable[[], None], seconds: float) -> float:
+def _median_seconds(run: Callable[[], None], seconds: float, device: torch.device) -> float:
     """The median over as many calls as fit into `seconds`, at least ten, after a warm-up."""
     for _ in range(WARM_UP):
         run()
+    wait_for(device)
     times: list[float] = []
     while len(times) < 10 or sum(times) < seconds:
         started = time.perf_counter()
         run()
+        wait_for(device)
         times.append(time.perf_counter() - started)
     return statistics.median(times)
 
@@ -229,15 +276,20 @@ def _processor_ms(model: SceneModel, run: Callable[[], None]) -> dict[str, float
     return {name: min(of_name) for name, of_name in times.items()}
 
 
-def _forget_peak() -> None:
+def _forget_peak(device: torch.device) -> None:
+    if device.type == "cuda":
+        torch.cuda.reset_peak_memory_stats(device)
+        return
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:
         return  # the peak is then that of the largest workload so far
 
 
-def _peak_mib() -> float:
+def _peak_mib(device: torch.device) -> float:
     """NaN where there is no such file."""
+    if device.type == "cuda":
+        return torch.cuda.max_memory_allocated(device) / 2**20
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:

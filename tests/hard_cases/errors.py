@@ -24,7 +24,7 @@ def values_and_gradients(f: Function, inputs: Sequence[Tensor]) -> list[Tensor]:
     leaves = [x.detach().clone().requires_grad_(x.requires_grad) for x in inputs]
     outputs = list(f(leaves))
     generator = torch.Generator().manual_seed(7)
-    total = sum((y * torch.randn(y.shape, generator=generator).to(y.dtype)).sum() for y in outputs)
+    total = sum((y * torch.randn(y.shape, generator=generator).to(y)).sum() for y in outputs)
     assert isinstance(total, Tensor)
     wanted = [x for x in leaves if x.requires_grad]
     return [y.detach() for y in outputs] + list(torch.autograd.grad(total, wanted))
