@@ -38,6 +38,6 @@ def test_the_plot_shows_what_is_finite() -> None:
 
 
 @pytest.mark.parametrize(("options", "said"), [({"repeats": 0}, "--repeats 0"), ({"json": Path("/no/x")}, "/no")])
-def test_bad_options_are_one_sentence(options: dict, said: str) -> None:  # type: ignore[type-arg]
+def test_bad_options_are_one_sentence(options: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
         main(**options)
