@@ -80,7 +80,7 @@ def nothing(_: object) -> None:
 @PART.case(why="a round trip that loses a bit changes the run that goes on", done="every tensor as it was")
 def round_trip() -> float:
     first, second = loaded(nothing), loaded(nothing)
-    assert (first.stage, first.iteration, first.seconds) == ("fine", 7, 1.5)
+    assert (first.stage, first.iteration, first.spent.seconds) == ("fine", 7, 1.5)
     pairs = zip(first.model.state_dict().values(), second.model.state_dict().values(), strict=True)
     return max(float((a.double() - b.double()).abs().max()) for a, b in pairs)
 
