@@ -35,7 +35,12 @@ print(field(3), raster(3), raster(4), field(4), field(2))
 
 def test_both_halves_use_the_same_threads() -> None:
     result = subprocess.run(
-        [sys.executable, "-c", BOTH], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", BOTH],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
     assert result.returncode == 0, result.stderr
     assert result.stdout.split() == ["2", "2", "3", "3", "3"]
