@@ -99,7 +99,7 @@ def test_no_methods_first_moving_step_mixes_devices(
     )
     monkeypatch.setattr(nn.Module, "to", moved)
     # What a fake tensor does not tell: the degree of harmonics, the length of a clip, a phase, which rows are drawn.
-    monkeypatch.setattr(Tensor, "__int__", lambda _: 3)
+    monkeypatch.setattr(Tensor, "__int__", lambda _: 2)
     monkeypatch.setattr(Tensor, "__float__", lambda _: 1.0)
     monkeypatch.setattr(Tensor, "__bool__", lambda _: False)
     monkeypatch.setattr(Tensor, "nonzero", some_rows)
