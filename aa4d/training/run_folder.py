@@ -31,8 +31,6 @@ def what_counts(settings: RunSettings) -> dict[str, Any]:
         del training["leave_out"]
     if settings.true_depth == 0:
         del training["true_depth"]
-    if settings.arithmetic == "float32":
-        del training["arithmetic"]
     if not settings.exposure:
         del training["exposure"], training["rates"]["exposures"]
     return training
