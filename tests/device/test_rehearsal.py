@@ -30,11 +30,13 @@ def found(rehearsal: dict[str, Any], part: str) -> Any:
     return rehearsal["parts"][part]["found"]
 
 
+@pytest.mark.slow
 def test_every_part_is_done(rehearsal: dict[str, Any]) -> None:
     assert {part: row["status"] for part, row in rehearsal["parts"].items()} == dict.fromkeys(PARTS, "done")
     assert '"raised"' not in json.dumps(rehearsal)
 
 
+@pytest.mark.slow
 def test_native_agrees_with_the_reference_wherever_it_is_asked(rehearsal: dict[str, Any]) -> None:
     rows = found(rehearsal, "parity")
     assert rows["summary"]["unexplained"] == []
@@ -49,6 +51,7 @@ def test_native_agrees_with_the_reference_wherever_it_is_asked(rehearsal: dict[s
         assert maps["color"] < 1e-3
 
 
+@pytest.mark.slow
 def test_kernels_are_exact_and_counted(rehearsal: dict[str, Any]) -> None:
     rows = found(rehearsal, "kernels")["kernels"]
     assert all(row["exactness"]["within"] for row in rows.values())
@@ -59,6 +62,7 @@ def test_kernels_are_exact_and_counted(rehearsal: dict[str, Any]) -> None:
     assert iteration["twins"]["iterations_per_second"] > 0
 
 
+@pytest.mark.slow
 def test_speed_and_training_have_their_figures(rehearsal: dict[str, Any]) -> None:
     assert found(rehearsal, "bench")["growth"][0]["iterations_per_second"] > 0
     assert set(found(rehearsal, "bench")["methods"]) == {"fourdgs", "d3dgs"}
