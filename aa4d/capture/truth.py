@@ -92,7 +92,7 @@ def _movers(capture: Capture, index: int) -> NDArray[np.bool_] | None:
 
 
 def _mask(capture: Capture, name: str) -> NDArray[np.bool_] | None:
-    """What is white in a picture of the capture; None where there is no such picture."""
+    """Pixels [H, W] that are white in a picture of the capture; None where there is no such picture."""
     path = capture.folder / name
     if not path.is_file():
         return None

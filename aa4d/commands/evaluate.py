@@ -93,7 +93,7 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
 
 
 def second_drone_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
-    """Of the table: views from elsewhere, where the capture has them."""
+    """Rows of the table on views from elsewhere, where the capture has them: label, value."""
     scores = metrics.get("second_drone")
     if scores is None:
         return []

@@ -28,7 +28,7 @@ from aa4d.files import make_folder
 from aa4d.methods.model_file import LoadedModel
 
 FOLDER = "second"  # in a capture, and in a run's eval/
-AGREES = 0.02  # of the depth: nearer to a training frame's depth than this, both see the same surface
+AGREES = 0.02  # share of the depth: two depths nearer than this are of one surface
 SHOWN = 3  # pictures that are kept
 
 
@@ -43,7 +43,7 @@ class ViewScores:
     psnr_dynamic: float | None  # moving pixels
     psnr_still: float | None  # the others
     psnr_seen: float | None  # moving pixels, and of the others those whose surface some training frame shows
-    seen_share: float | None  # of the pixels
+    seen_share: float | None  # share of the pixels that `psnr_seen` counts
     psnr_training_times: float | None  # at instants that training saw from the first drone
     psnr_held_out_times: float | None  # at instants that it did not
 
@@ -143,7 +143,7 @@ class TrainingDepth:
 
 
 def training_depths(capture: Capture) -> list[TrainingDepth]:
-    """Those of the training frames; none without truth."""
+    """True depth of every training frame; an empty list without truth."""
     found, viewmats = [], true_viewmats(capture)
     for index in capture.of_split("train"):
         depth, moving = depth_of(capture, index), moving_mask(capture, index)

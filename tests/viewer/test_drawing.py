@@ -117,6 +117,7 @@ def test_every_window_gets_its_turn(drawing: Drawing) -> None:
     drawing.close(0)
     windows[1].move(drawing, 9)
     windows[1].wait_for(9)
+    assert {int(sent.picture.pixels[0, 0, 0]) for sent in windows[0].sent} == {0}, "a window gets its own pictures"
 
 
 def test_another_model_is_drawn_anew(drawing: Drawing) -> None:
