@@ -18,6 +18,7 @@ METHODS: dict[str, str] = {
     "adaanchor4d": "aa4d.methods.adaanchor4d",
     "d3dgs": "aa4d.methods.d3dgs",
     "fourdgs": "aa4d.methods.fourdgs",
+    "grid4d": "aa4d.methods.grid4d",
     "modec": "aa4d.methods.modec",
     "morel": "aa4d.methods.morel",
     "sdgs": "aa4d.methods.sdgs",

@@ -60,10 +60,10 @@ planes = { initial = 0.05, final = 0.005 }
 - `settings.toml` beside a result holds all that it was made with. Given with `--config` it makes the same again.
 
 Where a value comes from: *paper*: it is stated there; *Scaffold-GS*, *4D-GS*, *D3DGS* (*paper* and *main* are two of
-its branches), *SpeeDe3DGS*, *MoDec-GS* (*base* and *split-cookie* are two of its configurations), *4D-SFGS*: the
-published code of those methods; *SD-GS*: its paper; *swept*: compared with others ([training.md](training.md));
-*chosen*: settled without such a table. Lengths are those of the model's frame, in which the scene is at unit depth,
-and pixels count at that depth.
+its branches), *SpeeDe3DGS*, *Grid4D*, *MoDec-GS* (*base* and *split-cookie* are two of its configurations),
+*4D-SFGS*: the published code of those methods; *SD-GS*: its paper; *swept*: compared with others
+([training.md](training.md)); *chosen*: settled without such a table. Lengths are those of the model's frame, in which
+the scene is at unit depth, and pixels count at that depth.
 """
 # Of the comment behind a field: "[swept] of the histogram, in bins".
 COMMENT = re.compile(r"#\s*(?:\[(?P<source>[^\]]+)\][,;]?\s*)?(?P<meaning>.*)")

@@ -40,7 +40,7 @@ def moving_psnr(path: Path, capture: Capture) -> float:
     return float(-10 * np.log10(np.mean(errors)))
 
 
-@pytest.mark.parametrize("name", ["modec", "sdgs", "sfgs"])
+@pytest.mark.parametrize("name", ["adaanchor4d", "modec", "sdgs", "sfgs"])
 def test_it_beats_its_static_stage_by_three_decibels_on_moving_pixels(name: str, tmp_path: Path) -> None:
     capture = read_capture(write_toy_capture(tmp_path / "capture", frames=24, travel_m=4))
     progress: Callable[..., None] = lambda *_: None  # noqa: E731

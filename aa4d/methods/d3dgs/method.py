@@ -16,10 +16,10 @@ from aa4d.kernels.image_loss import image_loss
 from aa4d.methods.contract import Beginning, Looks, Method, Stage, UnitEdit
 from aa4d.methods.d3dgs import schedule
 from aa4d.methods.d3dgs.model import D3DGS
-from aa4d.methods.d3dgs.settings import PRESETS, D3DGSSettings, ModelConfig
+from aa4d.methods.d3dgs.settings import PRESETS, D3DGSSettings, ModelConfig, ScheduledSettings
 from aa4d.methods.gaussians.density import clone_and_split
 from aa4d.methods.gaussians.harmonics import LARGEST_DEGREE
-from aa4d.methods.gaussians.model import blank_rows, initial_rows
+from aa4d.methods.gaussians.model import GaussianModel, blank_rows, initial_rows
 from aa4d.methods.rendering import Rendered
 from aa4d.methods.scene_model import SceneModel
 from aa4d.methods.tensors import tensor_of
@@ -28,11 +28,11 @@ from aa4d.raster.types import Output
 LARGEST_DEPTH = 64  # layers
 SIZES = [f.name for f in fields(ModelConfig) if f.name != "still_start"]
 
-S = TypeVar("S", bound=D3DGSSettings)
+S = TypeVar("S", bound=ScheduledSettings)
 
 
 class DeformedByNetwork(Method[S]):
-    """How free Gaussians learn that a network deforms: D3DGS, and what builds on it."""
+    """How free Gaussians learn that a network deforms: D3DGS, and what its code was continued into."""
 
     def resolved(self, settings: S, frames: int) -> S:  # noqa: ARG002, nothing depends on it
         return settings
@@ -45,7 +45,7 @@ class DeformedByNetwork(Method[S]):
         return schedule.before(stage, self.stages(settings)) + done
 
     def begin_step(self, stage: Stage, iteration: int, model: SceneModel, settings: S) -> None:
-        assert isinstance(model, D3DGS)
+        assert isinstance(model, GaussianModel)
         done = self.done_of_run(stage, iteration, settings)
         model.degree.fill_(min(done // settings.degree_every, LARGEST_DEGREE))
 
@@ -76,7 +76,7 @@ class DeformedByNetwork(Method[S]):
         pixel: float,  # noqa: ARG002, its sizes are shares of the scene's depth
         generator: torch.Generator,
     ) -> UnitEdit:
-        assert isinstance(model, D3DGS)
+        assert isinstance(model, GaussianModel)
         return clone_and_split(model, statistics, settings.densification, generator)
 
     @torch.no_grad()
@@ -92,7 +92,7 @@ class DeformedByNetwork(Method[S]):
 
         A reset comes one iteration after D3DGS's: a stage must not end with a scene that was just made transparent.
         """
-        assert isinstance(model, D3DGS)
+        assert isinstance(model, GaussianModel)
         g, total = settings.densification, self.done_of_run(stage, done, settings)
         if not stage.changes_units or done > g.until:
             return None
@@ -102,10 +102,6 @@ class DeformedByNetwork(Method[S]):
             was_reset = 0 < g.reset_every < total
             return schedule.keeping(~schedule.outgrown(model, g, was_reset=was_reset))
         return None
-
-    def header(self, model: SceneModel) -> dict[str, Any]:
-        assert isinstance(model, D3DGS)
-        return {name: getattr(model.config, name) for name in SIZES}
 
 
 class D3DGSMethod(DeformedByNetwork[D3DGSSettings]):
@@ -119,8 +115,17 @@ class D3DGSMethod(DeformedByNetwork[D3DGSSettings]):
     def blank(self, settings: D3DGSSettings, units: int) -> D3DGS:
         return D3DGS(settings.model, blank_rows(units))
 
+    def header(self, model: SceneModel) -> dict[str, Any]:
+        assert isinstance(model, D3DGS)
+        return sizes_in(model)
+
     def blank_of_file(self, config: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> D3DGS:
         return D3DGS(sizes_of(config, path), blank_rows(len(tensor_of(tensors, "free.position", path))))
+
+
+def sizes_in(model: D3DGS) -> dict[str, int]:
+    """What `sizes_of` asks a header for."""
+    return {name: getattr(model.config, name) for name in SIZES}
 
 
 def sizes_of(config: dict[str, Any], path: Path) -> ModelConfig:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from aa4d.methods.d3dgs.network import DeformationNetwork
 from aa4d.methods.d3dgs.settings import ModelConfig
-from aa4d.methods.gaussians.model import GaussianModel, GaussianRows
-
-SMALLEST_SCALE = 1e-9
+from aa4d.methods.gaussians.model import GaussianModel, GaussianRows, changed
 
 
 class D3DGS(GaussianModel):
@@ -26,11 +21,4 @@ class D3DGS(GaussianModel):
 
     def deformed(self, rows: GaussianRows, t: float, index: Tensor | None = None) -> GaussianRows:  # noqa: ARG002
         shift, turn, growth = self.network(rows.position, t)
-        # A scale may become negative, which is the same Gaussian as with the positive one.
-        scale = (rows.log_scale.exp() + growth).abs().clamp_min(SMALLEST_SCALE)
-        return replace(
-            rows,
-            position=rows.position + shift,
-            quaternion=F.normalize(rows.quaternion, dim=1) + turn,
-            log_scale=scale.log(),
-        )
+        return changed(rows, rows.position + shift, turn, growth)

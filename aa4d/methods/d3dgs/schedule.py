@@ -9,13 +9,13 @@ import torch
 from torch import Tensor
 
 from aa4d.methods.contract import Stage, UnitEdit
-from aa4d.methods.d3dgs.settings import D3DGSSettings, Growth, TimeNoise
+from aa4d.methods.d3dgs.settings import Growth, ScheduledSettings, TimeNoise
 from aa4d.methods.gaussians.model import GaussianModel
 
 RESET_OPACITY = 0.01
 
 
-def stages(settings: D3DGSSettings) -> tuple[Stage, ...]:
+def stages(settings: ScheduledSettings) -> tuple[Stage, ...]:
     """The warm-up and the rest; learning rates fall over both."""
     warm_up, rest = settings.coarse_iterations, settings.fine_iterations
     share = warm_up / (warm_up + rest)

@@ -66,8 +66,9 @@ class ModelConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class D3DGSSettings(RunSettings):
-    method: ClassVar[str] = "d3dgs"
+class ScheduledSettings(RunSettings):
+    """Of a method that continues D3DGS: warm-up, time noise, growth and harmonics go by its schedule."""
+
     has_two_layer: ClassVar[bool] = False
 
     voxel_px: Pixels = 2.0  # [chosen] one Gaussian a voxel at the start, in pixels at unit depth
@@ -77,6 +78,12 @@ class D3DGSSettings(RunSettings):
     densification: Growth = field(default_factory=lambda: Growth(statistics_from=0, start=500, until=12_000))  # [D3DGS]
     noise: TimeNoise = field(default_factory=TimeNoise)
     loss: LossWeights = field(default_factory=LossWeights)
+
+
+@dataclass(frozen=True, kw_only=True)
+class D3DGSSettings(ScheduledSettings):
+    method: ClassVar[str] = "d3dgs"
+
     model: ModelConfig = field(default_factory=ModelConfig)
 
 

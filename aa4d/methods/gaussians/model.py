@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from aa4d.methods.scene_model import SceneModel
 from aa4d.raster.types import Camera, Gaussians
 
 INITIAL_OPACITY = 0.1
+SMALLEST_SCALE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,17 @@ class GaussianModel(SceneModel):
     def centers(self, t: float | None) -> Tensor:
         rows = self.free.rows()
         return rows.position if t is None else self.deformed(rows, t).position
+
+
+def changed(rows: GaussianRows, position: Tensor, turn: Tensor, growth: Tensor) -> GaussianRows:
+    """The same at other places [N, 3], with D3DGS's changes [N, 4] of unit quaternions and [N, 3] of scales.
+
+    A scale may become negative, which is the same Gaussian as with the positive one.
+    """
+    scale = (rows.log_scale.exp() + growth).abs().clamp_min(SMALLEST_SCALE)
+    return replace(
+        rows, position=position, quaternion=F.normalize(rows.quaternion, dim=1) + turn, log_scale=scale.log()
+    )
 
 
 def initial_rows(beginning: Beginning, voxel: float) -> GaussianRows:

@@ -12,7 +12,7 @@ from torch import Tensor
 from aa4d.errors import InputError
 from aa4d.methods.contract import Beginning, Looks, Stage, UnitEdit
 from aa4d.methods.d3dgs import schedule
-from aa4d.methods.d3dgs.method import DeformedByNetwork, sizes_of
+from aa4d.methods.d3dgs.method import DeformedByNetwork, sizes_in, sizes_of
 from aa4d.methods.gaussians.model import blank_rows, initial_rows
 from aa4d.methods.scene_model import SceneModel
 from aa4d.methods.speede.model import Speede
@@ -92,7 +92,7 @@ class SpeedeMethod(DeformedByNetwork[SpeedeSettings]):
 
     def header(self, model: SceneModel) -> dict[str, Any]:
         assert isinstance(model, Speede)
-        return super().header(model) | {"flow": model.flow is not None}
+        return sizes_in(model) | {"flow": model.flow is not None}
 
     def blank_of_file(self, config: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> Speede:
         sizes, grouped = sizes_of(config, path), config.get("flow")
