@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 # waits for nothing. A name that is not here is itself a module's.
 KINDS: dict[str, str] = {
     "render": "aa4d.experiments.kinds.render",
+    "thin": "aa4d.experiments.kinds.thin",
     "train": "aa4d.experiments.kinds.train",
     "evaluate": "aa4d.experiments.kinds.evaluate",
     "trial": "aa4d.experiments.kinds.trial",
