@@ -21,6 +21,7 @@ KINDS: dict[str, str] = {
     "evaluate": "aa4d.experiments.kinds.evaluate",
     "trial": "aa4d.experiments.kinds.trial",
     "tabulate": "aa4d.experiments.kinds.tabulate",
+    "demo": "aa4d.demo_stages",
     "pose-noise": "aa4d.experiments.pose_noise",
     "track-recall": "aa4d.experiments.track_recall",
     "capture-accuracy": "aa4d.experiments.capture_accuracy",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,16 +10,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from aa4d.blender import run_in_blender
-from aa4d.errors import InputError, Interrupted
 from aa4d.experiments.derived_scene import derived
 from aa4d.files import write_text
 from aa4d.graph.call import Call
+from aa4d.graph.child import run_child
 from aa4d.graph.kinds import Kind
 from aa4d.graph.task import location
 from aa4d.identity import digest_of
 from aa4d.scene_files import scene_digest
-
-FRAME = re.compile(r"frame (\d+)/(\d+)")
 
 
 @dataclass(frozen=True)
@@ -51,20 +48,11 @@ class Rendering:
 def run(call: Call) -> dict[str, Any]:
     """Raises InputError with the last line that the renderer printed, where it refuses."""
     settings: Rendering = call.task.settings
-    last = ""
-
-    def hear(line: str) -> None:
-        nonlocal last
-        if (frame := FRAME.match(line)) is not None:
-            call.advance(int(frame[1]), int(frame[2]))
-        last = line or last
-
     with settings.file() as scene:
-        code = run_in_blender("synth/render_flyover.py", str(scene), "--out", str(call.folder), hear=hear)
-    if code == 130:
-        raise Interrupted(last)
-    if code != 0:
-        raise InputError(last or f"{settings.path}: rendering ended with exit code {code}")
+        arguments = (str(scene), "--out", str(call.folder))
+        run_child(
+            call, lambda hear: run_in_blender("synth/render_flyover.py", *arguments, hear=hear), f"{scene}: rendering"
+        )
     return {}
 
 
