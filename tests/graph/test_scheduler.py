@@ -83,6 +83,23 @@ def test_a_fault_of_the_program_is_told_of_its_task_alone(tmp_path: Path) -> Non
     assert good.digest in outcome.kept
 
 
+@pytest.mark.parametrize(("engine", "jobs"), [("inline", None), ("processes", 2)])
+def test_a_full_disk_is_named_leaves_nothing_half_made_and_the_same_graph_continues(
+    tmp_path: Path, engine: str, jobs: int | None
+) -> None:
+    gate = tmp_path / "gate"
+    full, good = toy("full", value=7, does="fill", gate=gate), toy("good", value=2)
+    outcome, _ = run([full, good], tmp_path / "out", engine, jobs)
+    sentence = outcome.failures[full.digest].sentence
+    assert sentence.endswith("sum.txt: No space left on device; free some, and run the same command again")
+    assert good.digest in outcome.kept
+    assert not Store(tmp_path / "out").folder(full).exists()
+    gate.touch()
+    again, listener = run([full, good], tmp_path / "out", engine, jobs)
+    assert listener.made() == ["full"]
+    assert again.kept[full.digest].result["sum"] == 7
+
+
 def test_a_process_that_is_killed_for_memory_fails_alone_and_says_so(tmp_path: Path) -> None:
     bad, good = toy("bad", does="die"), toy("good")
     outcome, _ = run([bad, good], tmp_path, "processes", 2)
