@@ -36,7 +36,7 @@ from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
 from aa4d.training.run_folder import what_counts
 
-NOISE = "noise of the poses, degrees and per cent of the viewing distance"
+NOISE = "noise, ° and % of the viewing distance"
 Floats = NDArray[np.float64]
 
 
