@@ -184,8 +184,9 @@ def test_a_child_s_frames_are_progress_and_its_last_line_is_why_it_failed() -> N
         run_child(call, child(2, "frame 1/4", "no such key", ""), "rendering")
     with pytest.raises(InputError, match="rendering ended with exit code -11"):
         run_child(call, child(-11), "rendering")
-    with pytest.raises(Interrupted, match="saved"):
-        run_child(call, child(130, "saved"), "rendering")
+    for code in (130, -signal.SIGTERM):
+        with pytest.raises(Interrupted, match="saved"):
+            run_child(call, child(code, "saved"), "rendering")
 
 
 def test_an_interrupt_reaches_the_child_once_and_its_exit_code_comes_back(tmp_path: Path) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import signal
 from collections.abc import Callable
 
 from aa4d.errors import InputError, Interrupted
 from aa4d.graph.call import Call
 
 FRAME = re.compile(r"frame (\d+)/(\d+)")
-INTERRUPTED = 130
+INTERRUPTED = (130, -signal.SIGINT, -signal.SIGTERM)  # of one that saved, and of one that did not know how
 
 
 def run_child(call: Call, run: Callable[[Callable[[str], None]], int], what: str) -> None:
@@ -32,7 +33,7 @@ def run_child(call: Call, run: Callable[[Callable[[str], None]], int], what: str
         last = line or last
 
     code = run(hear)
-    if code == INTERRUPTED:
+    if code in INTERRUPTED:
         raise Interrupted(last)
     if code != 0:
         raise InputError(last or f"{what} ended with exit code {code}")
