@@ -1,6 +1,7 @@
 """Experiments that turn one knob: derived scenes, thinned captures, scores against the knob."""
 
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from aa4d.experiments.axis import Knob
 from aa4d.experiments.derived_scene import derived
 from aa4d.experiments.experiment_file import read_experiment
 from aa4d.experiments.graphs import experiment_graph
+from aa4d.experiments.kinds.render import Rendering
+from aa4d.experiments.kinds.render import run as render
 from aa4d.experiments.kinds.thin import Thinning, kept_frames, run
 from aa4d.graph.call import Call
 from aa4d.graph.task import Task, in_order
@@ -74,6 +77,20 @@ def test_every_value_of_the_knob_is_a_scene_of_its_own(folder: Path) -> None:
         {"capture": f"s {at}", "variant": "paper", "seed": 0, "at": float(at)} for at in (12, 24)
     ]
     assert tables.settings.knob == Knob("frames per second")
+
+
+def test_what_the_renderer_refuses_names_the_scene_and_its_place_on_the_axis(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_program: str, scene: str, *_: str, hear: Callable[[str], None]) -> int:
+        hear(f"{scene}: time.fpss: unknown key; did you mean 'fps'?")
+        return 2
+
+    monkeypatch.setattr("aa4d.experiments.kinds.render.run_in_blender", refuse)
+    task = Task("render", "s-24", Rendering.of(folder / "s.toml", {"time": {"fpss": 24}}, "s-24"))
+    with pytest.raises(InputError) as refused:
+        render(Call(task, folder / "out", (), {}, lambda _: None))
+    assert str(refused.value) == f"{folder / 's.toml'}, as s-24: time.fpss: unknown key; did you mean 'fps'?"
 
 
 def test_a_scene_without_changes_is_the_scene_that_it_was(folder: Path) -> None:

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from aa4d.blender import run_in_blender
+from aa4d.errors import InputError
 from aa4d.experiments.derived_scene import derived
 from aa4d.files import write_text
 from aa4d.graph.call import Call
@@ -33,6 +34,10 @@ class Rendering:
         scene = scene_digest(path)
         return Rendering(digest_of([scene, changes, name]) if changes else scene, path.resolve(), changes, name)
 
+    @property
+    def described(self) -> str:
+        return f"{self.path}, as {self.name}" if self.changes else str(self.path)
+
     @contextmanager
     def file(self) -> Iterator[Path]:
         """The scene file to render."""
@@ -50,9 +55,14 @@ def run(call: Call) -> dict[str, Any]:
     settings: Rendering = call.task.settings
     with settings.file() as scene:
         arguments = (str(scene), "--out", str(call.folder))
-        run_child(
-            call, lambda hear: run_in_blender("synth/render_flyover.py", *arguments, hear=hear), f"{scene}: rendering"
-        )
+        try:
+            run_child(
+                call,
+                lambda hear: run_in_blender("synth/render_flyover.py", *arguments, hear=hear),
+                f"{scene}: rendering",
+            )
+        except InputError as error:  # a derived file is gone by the time that somebody reads this
+            raise InputError(str(error).replace(str(scene), settings.described)) from None
     return {}
 
 
