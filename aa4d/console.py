@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -18,7 +19,7 @@ from rich.progress import (
 )
 
 from aa4d.graph.costs import Costs
-from aa4d.graph.events import Event, Failed, Finished, Said
+from aa4d.graph.events import Advanced, Event, Failed, Finished, Said, Started
 from aa4d.graph.remaining import Remaining
 from aa4d.graph.task import Task
 
@@ -141,6 +142,57 @@ class GraphBar:
         left = self._remaining.seconds()
         done = f"{self._remaining.done} of {self._remaining.total} done"
         return done if left is None else f"{done}, about {words_of(left)} left"
+
+
+@contextmanager
+def stage_listener() -> Iterator[StageBars]:
+    columns = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    more = (TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[state]}"))
+    with Progress(*columns, *more, console=console, disable=not console.is_terminal) as bar:
+        yield StageBars(bar)
+
+
+class StageBars:
+    """Listens to the events of tasks that follow one another, whose settings have a line `about`: a line as each
+    begins, and a bar while it goes on."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._last_log_time = time.monotonic()
+        self._tasks: dict[str, tuple[TaskID, list[float]]] = {}
+
+    def __call__(self, event: Event) -> None:
+        name = event.task.name
+        if isinstance(event, Started):
+            self._begin(name, event.task.settings.about)
+        elif isinstance(event, Finished) and event.before:
+            took = "" if event.kept.seconds is None else f" ({event.kept.seconds:.0f} s)"
+            self._begin(name, f"done before{took}")
+        elif isinstance(event, Advanced):
+            self._advance(name, event)
+        elif isinstance(event, Said):
+            console.print(event.text, highlight=False)
+
+    def _begin(self, name: str, text: str) -> None:
+        console.print(f"[bold]{name}[/bold]: {escape(text)}", highlight=False, markup=True)
+
+    def _advance(self, name: str, event: Advanced) -> None:
+        if name not in self._tasks:
+            self._tasks[name] = (self._bar.add_task(name, total=event.total, state=""), [])
+        task, recent = self._tasks[name]
+        state = ""
+        if "psnr_db" in event.facts:
+            recent.append(event.facts["psnr_db"])
+            del recent[:-5]  # of one picture each
+            mean = sum(recent) / len(recent)
+            state = f"loss {event.facts['loss']:.4f}  psnr {mean:.1f} dB  {event.facts['units']:.0f} anchors"
+        self._bar.update(task, completed=event.done, total=event.total, state=state)
+        now = time.monotonic()
+        if not console.is_terminal and (
+            event.done == event.total or now - self._last_log_time >= SECONDS_BETWEEN_LINES
+        ):
+            self._last_log_time = now
+            console.print(f"{name} {event.done:g}/{event.total:g}  {state}".rstrip(), highlight=False, soft_wrap=True)
 
 
 def words_of(seconds: float) -> str:

@@ -1,25 +1,34 @@
-"""The demo's bookkeeping, without Blender: stages, their seconds, the summary and the report."""
+"""The demo's stages, without Blender: what is done again and what is said; the summary and the report."""
 
 import json
 import re
-import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
+from rich.console import Console
 
 from aa4d.blender import run_forwarding_interrupts
 from aa4d.capture.reader import read_capture
-from aa4d.demo import Record, Stage, check, summarise
+from aa4d.console import stage_listener
+from aa4d.demo import run_demo, summarise
 from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
+from aa4d.files import claimed
+from aa4d.graph.call import Call
+from aa4d.graph.child import run_child
+from aa4d.graph.events import Advanced, Event, Finished, Said
+from aa4d.graph.kinds import Kind, kind_of
+from aa4d.graph.task import Task, canonical
+from aa4d.identity import digest_of, digest_of_file
 from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
+from aa4d.methods.settings import MotionSettings
 from aa4d.reports.demo_report import spread, write_report
 from aa4d.scene_files import files_named_in
 from aa4d.training.trainer import train
@@ -29,42 +38,119 @@ def silent(*_: object) -> None:
     pass
 
 
-def stage_of(folder: Path, run: Callable[[], None] = silent) -> Stage:
-    (folder / "in").write_text("a")
-    (folder / "out").write_text("b")
-    return Stage("render", "", (folder / "in",), (folder / "out",), run)
+@pytest.fixture
+def done(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Instead of the stages: their outputs, whose text is what the settings and the outputs before say. Names of what
+    was done."""
+    names: list[str] = []
+
+    def run(call: Call) -> dict[str, Any]:
+        names.append(call.task.name)
+        before = (call.folder / output for need in call.needs for output in need.task.outputs)
+        said = digest_of([canonical(call.task.settings), [digest_of_file(path) for path in before if path.is_file()]])
+        for output in call.task.outputs:
+            path = call.folder / output if "." in output else call.folder / output / "file"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps(METRICS | {"fps": said}))
+        (call.folder / "paper").mkdir(exist_ok=True)
+        (call.folder / "paper/metrics.json").write_text(json.dumps(METRICS))
+        return {}
+
+    monkeypatch.setattr("aa4d.demo_stages.KIND", Kind(run))
+    return names
 
 
-def test_a_stage_is_done_while_its_outputs_exist_and_its_inputs_are_the_same(tmp_path: Path) -> None:
-    stage, record = stage_of(tmp_path), Record(tmp_path / "seconds.json")
-    assert not stage.is_done(record)
-    with record.running(stage):
-        pass
-    assert stage.is_done(Record(tmp_path / "seconds.json"))
-    (tmp_path / "in").write_text("a")  # newer, and the same
-    assert stage.is_done(record)
-    (tmp_path / "in").write_text("c")
-    assert not stage.is_done(record)
-    (tmp_path / "in").write_text("a")
-    (tmp_path / "out").unlink()
-    assert not stage.is_done(record)
+METRICS = dict.fromkeys(
+    ("psnr", "psnr_dynamic", "psnr_dynamic_static", "ssim", "fps", "anchors", "gaussians", "neural_mib"), 1.0
+)
+STAGES = ["synthesis", "training", "paper", "evaluation", "page", "extension", "blend", "report"]
+CONFIG = AdaAnchor4DSettings(preset="test", coarse_iterations=5, fine_iterations=5, motion=MotionSettings())
 
 
-def test_a_stage_is_done_for_its_settings_its_capture_and_its_own_outputs(toy_capture: Path, tmp_path: Path) -> None:
-    (tmp_path / "model").write_text("trained")
-    stage = Stage("training", "", (toy_capture,), (tmp_path / "model",), silent, {"seed": 0})
-    record = Record(tmp_path / "seconds.json")
-    with record.running(stage):
-        pass
-    assert stage.is_done(record)
-    assert not replace(stage, settings={"seed": 1}).is_done(record)
-    (tmp_path / "model").write_text("of another day")
-    assert not stage.is_done(record)
-    (tmp_path / "model").write_text("trained")
-    before = (toy_capture / "capture.json").read_bytes()
-    shutil.copyfile(toy_capture / "frames/000004.png", toy_capture / "frames/000003.png")
-    assert (toy_capture / "capture.json").read_bytes() == before
-    assert not stage.is_done(record)
+def demo(out: Path, config: AdaAnchor4DSettings = CONFIG) -> list[Event]:
+    (scene := out.parent / "scene.toml").touch()
+    events: list[Event] = []
+    run_demo(scene, out, config, Console(quiet=True), events.append)
+    return events
+
+
+def test_a_stage_is_done_again_where_what_it_is_made_from_has_changed(done: list[str], tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    demo(out)
+    assert done == STAGES
+    assert {p.name for p in out.iterdir() if not p.name.startswith(".")} == {
+        *("capture", "paper", "model.safetensors", "metrics.json", "page", "adaanchor4d.zip", "flyover.blend"),
+        *("flyover.png", "report.html", "summary.json"),
+    }
+    assert list(json.loads((out / "summary.json").read_text())["seconds"]) == STAGES
+    done.clear()
+    assert all(isinstance(event, Finished) and event.before for event in demo(out))
+    assert done == []
+    demo(out, replace(CONFIG, seed=1))
+    assert done == ["training", "paper", "evaluation", "page", "blend", "report"]
+    done.clear()
+    (tmp_path / "scene.toml").write_text("a = 1")
+    demo(out, replace(CONFIG, seed=1))
+    assert "extension" not in done
+    assert done[0] == "synthesis"
+    done.clear()
+    demo(out, replace(CONFIG, seed=1, motion=None))
+    assert "paper" not in done
+    assert not json.loads((out / "summary.json").read_text()).get("paper")
+
+
+@pytest.mark.parametrize("what", ["model.safetensors", "capture/file", "page/scene.html", "adaanchor4d.zip"])
+def test_a_result_that_was_edited_by_hand_is_made_again_and_said(what: str, done: list[str], tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    demo(out)
+    done.clear()
+    before = (out / what).read_text()
+    (out / what).write_text("of another day")
+    said = [event.text for event in demo(out) if isinstance(event, Said)]
+    assert len(said) == len(done) == 1, "what comes out as before repeats nothing"
+    assert said == [f"{out / what} is not as it was made; demo {done[0]} is made again"]
+    assert (out / what).read_text() == before
+
+
+def test_the_first_stage_that_fails_is_the_sentence(
+    done: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(call: Call) -> dict[str, Any]:
+        if call.task.name == "training":
+            raise InputError("training met NaN; lower the rates")
+        return kind.run(call)
+
+    kind = kind_of("demo")
+    monkeypatch.setattr("aa4d.demo_stages.KIND", Kind(run))
+    with pytest.raises(InputError, match=r"^training met NaN; lower the rates$"):
+        demo(tmp_path / "demo")
+    monkeypatch.setattr("aa4d.demo_stages.KIND", kind)
+    done.clear()
+    demo(tmp_path / "demo")
+    assert "synthesis" not in done
+    assert "training" in done
+
+
+def test_two_demos_in_one_folder_and_a_scene_that_is_not_there_are_refused(done: list[str], tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    with claimed(out, "making a demo"), pytest.raises(InputError, match="another process is making a demo there"):
+        demo(out)
+    with pytest.raises(InputError, match=r"no.toml: no such scene file; scenes/ holds some"):
+        run_demo(tmp_path / "no.toml", tmp_path / "other", CONFIG, Console(quiet=True), silent)
+    assert done == []
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.usefixtures("done")
+def test_the_console_tells_of_every_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (scene := tmp_path / "[scene].toml").touch()
+    for _ in range(2):
+        with stage_listener() as tell:
+            run_demo(scene, tmp_path / "demo", CONFIG, Console(quiet=True), tell)
+    said = capsys.readouterr().out.replace("\n", " ")
+    assert "synthesis: Blender renders" in said
+    assert "paper: the paper's model, for comparison" in said
+    assert "training: done before (0 s)" in said
 
 
 def test_files_that_a_scene_names_are_inputs(tmp_path: Path) -> None:
@@ -80,47 +166,27 @@ def test_files_that_a_scene_names_are_inputs(tmp_path: Path) -> None:
     assert files_named_in(scene) == ()
 
 
-def test_seconds_of_a_stopped_stage_add_up_and_those_of_a_new_run_begin_anew(tmp_path: Path) -> None:
-    path, stage = tmp_path / "seconds.json", stage_of(tmp_path)
+def test_a_child_s_frames_are_progress_and_its_last_line_is_why_it_failed() -> None:
+    told: list[Event] = []
+    call = Call(Task("demo", "synthesis", {}), Path(), (), {}, told.append)
 
-    def stopped() -> None:
-        with Record(path).running(stage):
-            time.sleep(0.02)
-            raise Interrupted
+    def child(code: int, *lines: str) -> Callable[[Callable[[str], None]], int]:
+        def run(hear: Callable[[str], None]) -> int:
+            for line in lines:
+                hear(line)
+            return code
 
-    with pytest.raises(Interrupted):
-        stopped()
-    record = Record(path)
-    assert record.seconds == {}
-    with record.running(stage):
-        time.sleep(0.02)
-    assert record.seconds["render"] >= 0.04
-    looked_at = Record(path)
-    with looked_at.running(stage):
-        pass
-    assert looked_at.seconds == record.seconds
-    anew = Record(path)
-    with anew.running(stage):
-        (tmp_path / "out").write_text("made anew")
-    assert anew.seconds["render"] < record.seconds["render"]
+        return run
 
-
-@pytest.mark.parametrize("content", ["", "{}", "[]", '{"done": 3, "stopped": 4}', '{"done": {"x": '])
-def test_a_damaged_record_costs_only_the_seconds(tmp_path: Path, content: str) -> None:
-    (tmp_path / "seconds.json").write_text(content)
-    record = Record(tmp_path / "seconds.json")
-    assert record.seconds == {}
-    assert not stage_of(tmp_path).is_done(record)
-
-
-def test_exit_codes_of_stages_are_passed_on() -> None:
-    check(0)
-    for code in (2, 130):
-        with pytest.raises(SystemExit) as stop:
-            check(code)
-        assert stop.value.code == code
-    with pytest.raises(InputError, match="exit code -11"):
-        check(-11)
+    run_child(call, child(0, "frame 1/4", "frame 2/4 of it", "done"), "rendering")
+    assert [(e.done, e.total) for e in told if isinstance(e, Advanced)] == [(1, 4), (2, 4)]
+    with pytest.raises(InputError, match=r"^no such key$"):
+        run_child(call, child(2, "frame 1/4", "no such key", ""), "rendering")
+    with pytest.raises(InputError, match="rendering ended with exit code -11"):
+        run_child(call, child(-11), "rendering")
+    for code in (130, -signal.SIGTERM):
+        with pytest.raises(Interrupted, match="saved"):
+            run_child(call, child(code, "saved"), "rendering")
 
 
 def test_an_interrupt_reaches_the_child_once_and_its_exit_code_comes_back(tmp_path: Path) -> None:

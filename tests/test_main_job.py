@@ -5,17 +5,14 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 from rich.console import Console
 
-from aa4d import demo
+from aa4d import demo_stages
 from aa4d.demo import run_demo
 from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
 from aa4d.methods.settings import MotionSettings
@@ -27,9 +24,8 @@ CONFIG = AdaAnchor4DSettings(preset="test", coarse_iterations=20, fine_iteration
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="the bpy module is not installed")
 
 
-@contextmanager
-def silent(*_: object) -> Iterator[Any]:
-    yield lambda *_: None
+def silent(*_: object) -> None:
+    pass
 
 
 def small_scene(folder: Path) -> Path:
@@ -47,7 +43,7 @@ def small_scene(folder: Path) -> Path:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("main job")  # a space in the path, as users have them
     scene = small_scene(folder)
-    run_demo(scene, folder / "demo", CONFIG, Console(quiet=True), silent, silent)
+    run_demo(scene, folder / "demo", CONFIG, Console(quiet=True), silent)
     return scene, folder / "demo"
 
 
@@ -109,7 +105,7 @@ def test_running_it_again_repeats_nothing(finished: tuple[Path, Path], monkeypat
     def never(*_: object) -> int:
         raise AssertionError("nothing is left to do")
 
-    for name in ("run_in_blender", "run_forwarding_interrupts", "train", "evaluate", "write_report"):
-        monkeypatch.setattr(demo, name, never)
-    run_demo(scene, out, CONFIG, Console(quiet=True), silent, silent)
+    for name in ("run_in_blender", "run_forwarding_interrupts", "fit", "evaluate", "write_report"):
+        monkeypatch.setattr(demo_stages, name, never)
+    run_demo(scene, out, CONFIG, Console(quiet=True), silent)
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == before

@@ -33,7 +33,7 @@ import synth.truth.activity
 from aa4d.capture import schema
 from aa4d.capture.schema import PinholeCamera
 from aa4d.capture.sources.transforms import read_transforms
-from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.aggregations import AGGREGATIONS
 from aa4d.motion.spline import FEWEST_CONTROLS
 from synth.spec import Scene, Time, read_scene
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from aa4d.console import console, step_progress, training_progress
+from aa4d.console import console, stage_listener
 
 
 def demo(
@@ -20,4 +20,5 @@ def demo(
     from aa4d.methods.adaanchor4d.settings import PRESETS
     from aa4d.methods.settings import MotionSettings
 
-    run_demo(scene, out, replace(PRESETS["quick"], motion=MotionSettings()), console, training_progress, step_progress)
+    with stage_listener() as tell:
+        run_demo(scene, out, replace(PRESETS["quick"], motion=MotionSettings()), console, tell)

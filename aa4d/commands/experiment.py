@@ -27,6 +27,9 @@ def experiment(
     costs: Annotated[
         tuple[Path, ...], arg(help="Folders of other experiments, by whose measured times this one's is foretold.")
     ] = (),
+    tensorboard: Annotated[
+        FlagCreatePairsOff[bool], arg(help="Write OUT/tensorboard; look with `tensorboard --logdir OUT`.")
+    ] = False,
 ) -> None:
     """Render, train, score and tabulate what an experiment file says. Stopped or killed, the same command continues."""
     from aa4d.errors import InputError
@@ -39,4 +42,4 @@ def experiment(
     if plan:
         show_plan(file, out, jobs or 1, which, costs)
     else:
-        run_file(file, out, engine, Means(jobs, address), which, costs)
+        run_file(file, out, engine, Means(jobs, address), which, costs, tensorboard=tensorboard)

@@ -5,12 +5,14 @@ docs/experiments.md describes their keys.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from aa4d.errors import InputError
+from aa4d.experiments.axis import Axis, Changes, Knob, Position, axis_of
+from aa4d.experiments.derived_scene import merged
 from aa4d.graph.task import Resources
 from aa4d.methods import DEFAULT, presets_of
 from aa4d.methods.settings import MotionSettings, RunSettings, with_iterations
@@ -27,7 +29,7 @@ SCENES = "scenes: missing; name scene files, which are rendered, or capture fold
 
 @dataclass(frozen=True, kw_only=True)
 class Head:
-    """The keys at the top of a file, besides the sections `settings` and `variants`."""
+    """The keys at the top of a file, besides the sections `axis`, `scene`, `settings` and `variants`."""
 
     title: str = ""
     scenes: tuple[str, ...] = ()
@@ -50,8 +52,16 @@ class VariantKeys:
 class Source:
     """Something to train on."""
 
-    name: str
+    base: str  # name of the file or the folder
     path: Path  # of a scene file, or of a capture folder
+    rendered: str  # name of the scene with these changes
+    changes: Changes = field(default_factory=dict, hash=False)  # of keys of the scene file
+    keep_every: int = 1  # of its training frames every n-th
+    at: float | None = None  # of the experiment's axis
+
+    @property
+    def name(self) -> str:
+        return self.base if self.at is None else f"{self.base} {self.at:g}"
 
     @property
     def is_scene(self) -> bool:
@@ -64,13 +74,14 @@ class ExperimentFile:
     head: Head
     sources: tuple[Source, ...]
     variants: Mapping[str, RunSettings]  # by their names; the seed is still the first one
+    knob: Knob | None = None  # of the axis
 
 
 def read_experiment(path: Path) -> ExperimentFile:
     """
     Raises:
         InputError: the file cannot be read, a key or a name is unknown, a value is not allowed, a scene is not there or
-            named twice, or there is no variant.
+            named twice, a capture would have to be rendered otherwise, or there is no variant.
     """
     table = read_toml(path)
 
@@ -78,7 +89,8 @@ def read_experiment(path: Path) -> ExperimentFile:
         return f"{path}: {where}"
 
     variants, settings = table.pop("variants", {}), table.pop("settings", {})
-    for name, section in (("variants", variants), ("settings", settings)):
+    scene, axis = table.pop("scene", {}), table.pop("axis", None)
+    for name, section in (("variants", variants), ("settings", settings), ("scene", scene)):
         if not isinstance(section, Mapping):
             raise InputError(f"{path}: {name}: is a section; it cannot be {describe(section)}")
     if not variants:
@@ -89,7 +101,9 @@ def read_experiment(path: Path) -> ExperimentFile:
     if len(set(head.seeds)) < len(head.seeds):
         raise InputError(f"{path}: seeds: one of them stands there twice")
     resolved = {name: _settings(head, name, variants[name], settings, place) for name in variants}
-    return ExperimentFile(path, head, _sources(path, head.scenes), resolved)
+    turned = None if axis is None else axis_of(axis, lambda where: place(f"axis.{where}"))
+    sources = tuple(_at_positions(path, _sources(path, head.scenes), scene, turned))
+    return ExperimentFile(path, head, sources, resolved, None if turned is None else turned.knob)
 
 
 def _settings(head: Head, name: str, variant: Any, common: Mapping[str, Any], place: Place) -> RunSettings:
@@ -144,14 +158,31 @@ def _sources(path: Path, scenes: tuple[str, ...]) -> tuple[Source, ...]:
     found: list[Source] = []
     for index, text in enumerate(scenes):
         there = path.parent / text
-        source = Source(there.stem if there.suffix == SCENE_ENDING else there.resolve().name, there)
+        name = there.stem if there.suffix == SCENE_ENDING else there.resolve().name
+        source = Source(name, there, name)
         where = f"{path}: scenes[{index}]"
         if source.is_scene and not there.is_file():
             near = nearest(there.name, [p.name for p in sorted(there.parent.glob(f"*{SCENE_ENDING}"))])
             raise InputError(f"{where}: {there}: no such scene file" + (f"; did you mean {near}?" if near else ""))
         if not source.is_scene and not (there / "capture.json").is_file():
             raise InputError(f"{where}: {there}: neither a scene file (*.toml) nor a capture folder")
-        if source.name in [other.name for other in found]:
-            raise InputError(f"{where}: two scenes are called {source.name!r}; rename a file or a folder")
+        if name in [other.name for other in found]:
+            raise InputError(f"{where}: two scenes are called {name!r}; rename a file or a folder")
         found.append(source)
     return tuple(found)
+
+
+def _at_positions(path: Path, sources: tuple[Source, ...], scene: Changes, axis: Axis | None) -> Iterator[Source]:
+    """Each source at each position of the axis, with what the file changes in all scenes."""
+    for source in sources:
+        for position in (Position(0.0, {}),) if axis is None else axis.positions:
+            changes = merged(scene, position.changes)
+            if changes and not source.is_scene:
+                raise InputError(f"{path}: scenes: {source.path}: is a capture, in which no key of a scene can change")
+            yield replace(
+                source,
+                rendered=f"{source.base}-{position.at:g}" if position.changes else source.base,
+                changes=changes,
+                keep_every=position.keep_every,
+                at=None if axis is None else position.at,
+            )

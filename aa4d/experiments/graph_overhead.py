@@ -1,9 +1,10 @@
 """What the graph costs beside bare commands: twenty tasks, one at a time and two, and again when all is done.
 
-    python -m aa4d.experiments.graph_overhead --out DIR
+    python -m aa4d.experiments.graph_overhead --out DIR --finished FILE FOLDER
 
 A task computes for some seconds with torch, as training does, and writes a megabyte; the bare command does the same in
-a Python of its own. Processor seconds are those of all processes: other programs on the machine do not count.
+a Python of its own. Processor seconds are those of all processes: other programs on the machine do not count. FILE is
+an experiment that has been run to its end in FOLDER: `aa4d experiment` is measured on it once more.
 """
 
 from __future__ import annotations
@@ -75,6 +76,9 @@ def main(
     out: Annotated[Path, arg(help="Folder for what the tasks write, and table.json.")],
     tasks: int = 20,
     seconds: Annotated[float, arg(help="Processor seconds of a task, besides starting Python and torch.")] = 10.0,
+    finished: Annotated[
+        tuple[Path, Path] | None, arg(help="An experiment file, and the folder in which it has been run to its end.")
+    ] = None,
 ) -> None:
     make_folder(out)
     graph = [Task(__spec__.name, f"task {n}", Work(n, seconds), alike="work") for n in range(tasks)]
@@ -91,6 +95,11 @@ def main(
 
         return do
 
+    def again() -> None:
+        file, folder = finished or (Path(), Path())
+        command = [sys.executable, "-m", "aa4d", "experiment", str(file), "--out", str(folder)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
     for folder in ("bare", "one", "two"):
         shutil.rmtree(out / folder, ignore_errors=True)
     rows = [
@@ -99,6 +108,10 @@ def main(
         measured("graph, two at a time", by("processes", 2, "two")),
         measured("graph, all done", by("processes", 1, "one")),
     ]
+    if finished is not None:
+        rows.append(measured("aa4d experiment, all done", again))
+    for row in rows[1:3]:
+        row["over_bare_percent"] = 100 * (row["processor_s"] / rows[0]["processor_s"] - 1)
     write_json(out / "table.json", {"rows": rows})
 
 

@@ -10,10 +10,10 @@ from aa4d.experiments.experiment_file import ExperimentFile, Source
 from aa4d.experiments.kinds.evaluate import Evaluation
 from aa4d.experiments.kinds.render import Rendering
 from aa4d.experiments.kinds.tabulate import Entry, Tabulation
+from aa4d.experiments.kinds.thin import Thinning
 from aa4d.experiments.kinds.train import Training, iterations_of
 from aa4d.graph.task import Task
 from aa4d.methods.settings import RunSettings
-from aa4d.scene_files import scene_digest
 
 TABLES = "tables"
 
@@ -24,7 +24,7 @@ class Capture:
 
     identity: str | None  # of a capture that is there
     path: Path | None
-    needs: tuple[Task, ...]  # of one that is rendered first
+    needs: tuple[Task, ...]  # of one that is made first
 
 
 def experiment_graph(file: ExperimentFile) -> Task:
@@ -33,14 +33,15 @@ def experiment_graph(file: ExperimentFile) -> Task:
     Raises:
         InputError: a capture cannot be read.
     """
-    captures = {source.name: _capture(source) for source in file.sources}
+    captures = {source: _capture(source) for source in file.sources}
     entries, scores = [], []
     for seed in file.head.seeds:
         for scene, capture in captures.items():
             for variant, settings in file.variants.items():
-                entries.append(Entry(scene, variant, seed))
-                scores.append(_scores(f"{scene}, {variant}, seed {seed}", scene, capture, settings, seed, file))
-    tables = Tabulation(file.head.title, tuple(entries))
+                entries.append(Entry(scene.name, variant, seed, scene.at))
+                name = f"{scene.name}, {variant}, seed {seed}"
+                scores.append(_scores(name, scene.base, capture, settings, seed, file))
+    tables = Tabulation(file.head.title, tuple(entries), file.knob)
     return Task("tabulate", file.path.stem, tables, tuple(scores), place=TABLES, partial=True)
 
 
@@ -51,10 +52,14 @@ def part_of(tables: Task, number: int, parts: int) -> tuple[Task, ...]:
 
 def _capture(source: Source) -> Capture:
     if source.is_scene:
-        rendering = Rendering(scene_digest(source.path), source.path.resolve())
-        return Capture(None, None, (Task("render", source.name, rendering, alike=source.name),))
-    capture = read_capture(source.path)
-    return Capture(capture.identity.digest(), source.path.resolve(), ())
+        rendering = Rendering.of(source.path, source.changes, source.rendered)
+        whole = Capture(None, None, (Task("render", source.rendered, rendering, alike=source.base),))
+    else:
+        whole = Capture(read_capture(source.path).identity.digest(), source.path.resolve(), ())
+    if source.keep_every == 1:
+        return whole
+    thinning = Thinning(source.keep_every, whole.identity, whole.path)
+    return Capture(None, None, (Task("thin", source.name, thinning, whole.needs),))
 
 
 def _scores(name: str, scene: str, capture: Capture, settings: RunSettings, seed: int, file: ExperimentFile) -> Task:

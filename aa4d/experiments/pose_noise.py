@@ -23,6 +23,9 @@ from aa4d import __version__
 from aa4d.capture.orientation import viewing_distance
 from aa4d.capture.pose_error import PoseError, in_other_world, inverse, pose_error
 from aa4d.capture.reader import Capture, read_capture, read_image
+from aa4d.experiments.against import plot_against
+from aa4d.experiments.axis import Knob
+from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.kinds.train import fit, iterations_of
 from aa4d.experiments.program import rows_of_tasks, run_as_program
 from aa4d.graph.call import Call
@@ -33,6 +36,7 @@ from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
 from aa4d.training.run_folder import what_counts
 
+NOISE = "noise, ° and % of the viewing distance"
 Floats = NDArray[np.float64]
 
 
@@ -150,6 +154,16 @@ def main(
             name = f"{level:g} {'refined' if refine else 'given'}"
             tasks.append(Task("pose-noise", name, noise, units=iterations_of(config)))
     rows = rows_of_tasks(tasks, out, jobs)
+    drawn: list[Row] = [
+        {
+            "capture": capture.name,
+            "variant": "refined" if row["refined"] else "as given",
+            "at": row["noise"],
+            "psnr": row["psnr"],
+        }
+        for row in rows
+    ]
+    plot_against(Knob(NOISE), "Pose noise", drawn, out / "plot.png")
     print("noise  refined  angle_deg before after  shift_% before after  psnr  seconds")
     for row in rows:
         print(

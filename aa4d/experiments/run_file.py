@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from aa4d.experiments.variants import Experiment, Variant
 from aa4d.files import claimed, whole_file
 from aa4d.graph.costs import DONE, Costs, Planned, makespan, plan
 from aa4d.graph.engines import Means, engine_of
+from aa4d.graph.event_log import LOG, Curves, EventLog, together
 from aa4d.graph.scheduler import check, run_graph
 from aa4d.graph.store import Store
 from aa4d.graph.task import Task, in_order
@@ -24,9 +26,18 @@ COPY = "experiment.toml"
 
 
 def run_file(
-    path: Path, out: Path, engine: str, means: Means, part: tuple[int, int] | None, costs_of: tuple[Path, ...]
+    path: Path,
+    out: Path,
+    engine: str,
+    means: Means,
+    part: tuple[int, int] | None,
+    costs_of: tuple[Path, ...],
+    *,
+    tensorboard: bool,
 ) -> None:
     """Raises InputError for what cannot be run, and, once all others are done, where a task failed."""
+    if tensorboard and importlib.util.find_spec("tensorboard") is None:
+        raise InputError("--tensorboard: needs the package tensorboard; pip install tensorboard")
     tables = experiment_graph(file := read_experiment(path))
     tasks = (tables,) if part is None else part_of(tables, *part)
     worker = engine_of(engine, means)
@@ -39,7 +50,12 @@ def run_file(
             temporary.write_bytes(path.read_bytes())
         store = Store(out)
         with graph_listener(worker.slots, Costs(map(Store, (out, *costs_of)))) as listen:
-            outcome = run_graph(tasks, store, worker, listen(in_order(tasks)))
+            tell = together(listen(in_order(tasks)), EventLog(mine / LOG))
+            if tensorboard:
+                from aa4d.training.history import board
+
+                tell = together(tell, Curves(mine / "tensorboard", board))
+            outcome = run_graph(tasks, store, worker, tell)
     if part is None:
         results = [outcome.kept.get(need.digest) for need in tables.needs]
         rows = tables.settings.rows({place: kept.result for place, kept in enumerate(results) if kept is not None})

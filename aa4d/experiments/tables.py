@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
+from aa4d.experiments.against import plot_against
+from aa4d.experiments.axis import Knob
 from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.variants import Experiment
 from aa4d.files import whole_file, write_text
@@ -160,11 +162,12 @@ def headings(columns: list[Column]) -> list[str]:
     return ["variant", "seeds", *(column.title for column in columns), "PSNR gain"]
 
 
-def write_tables(experiment: Experiment, rows: list[Row], out: Path) -> None:
+def write_tables(experiment: Experiment, rows: list[Row], out: Path, knob: Knob | None = None) -> None:
     """Write, each file whole, what was measured.
 
     rows.csv: every run, every number. table.csv, table.md: mean ± standard deviation over seeds. pooled.csv, pooled.md:
-    differences between variants over all pairs of capture and seed, mean ± standard error. plot.png.
+    differences between variants over all pairs of capture and seed, mean ± standard error. plot.png: where rows
+    have `at`, the position of a knob, scores against it.
     """
     columns, lines = columns_of(rows), lines_of(experiment, rows)
     keys = list(dict.fromkeys(key for row in rows for key in row))
@@ -175,7 +178,10 @@ def write_tables(experiment: Experiment, rows: list[Row], out: Path) -> None:
     pooled = _pooled_table(differences_of(experiment, rows), pooled_columns_of(rows))
     write_text(out / "pooled.csv", as_csv(pooled))
     write_text(out / "pooled.md", f"{experiment.title}: {POOLED}\n\n{as_markdown(pooled)}")
-    _plot(experiment, rows, out / "plot.png")
+    if knob is None:
+        _plot(experiment, rows, out / "plot.png")
+    else:
+        plot_against(knob, experiment.title, rows, out / "plot.png")
 
 
 def _pooled_table(differences: list[Difference], columns: list[Column]) -> list[list[str]]:

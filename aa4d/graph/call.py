@@ -20,6 +20,7 @@ class Need:
     task: Task
     folder: Path
     result: dict[str, Any]
+    seconds: float | None  # of work; None where nobody knows
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 # waits for nothing. A name that is not here is itself a module's.
 KINDS: dict[str, str] = {
     "render": "aa4d.experiments.kinds.render",
+    "thin": "aa4d.experiments.kinds.thin",
     "train": "aa4d.experiments.kinds.train",
     "evaluate": "aa4d.experiments.kinds.evaluate",
     "trial": "aa4d.experiments.kinds.trial",
     "tabulate": "aa4d.experiments.kinds.tabulate",
+    "demo": "aa4d.demo_stages",
     "pose-noise": "aa4d.experiments.pose_noise",
     "track-recall": "aa4d.experiments.track_recall",
     "capture-accuracy": "aa4d.experiments.capture_accuracy",

@@ -42,6 +42,9 @@ class Task:
     units: float = 1.0  # how much work it is, compared with those that are alike: iterations, frames
     alike: str = ""  # what its seconds a unit depend on besides the kind: a method and a scene, for instance
     place: str | None = None  # folder of the result; None: one that is named after the kind, the name and the identity
+    outputs: tuple[
+        str, ...
+    ] = ()  # what the result is, of the store's own folder, in which it is made; (): all in `place`
     partial: bool = False  # it is run with those of its needs that came to something
 
     @cached_property

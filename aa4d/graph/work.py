@@ -64,7 +64,7 @@ def perform(job: Job, tell: Tell) -> Kept:
             return kept
         use_threads(job.threads)
         needs = tuple(
-            Need(need, store.folder(need), job.needs[need.digest].result)
+            Need(need, store.folder(need), job.needs[need.digest].result, job.needs[need.digest].seconds)
             for need in task.needs
             if need.digest in job.needs
         )

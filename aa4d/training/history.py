@@ -32,7 +32,7 @@ class History:
         self._rows = [row for row in _read(self._path) if int(row[0]) <= step]
         self._written = len(self._rows)
         self._window: list[tuple[float, float]] = []
-        self._board = _board(out / "tensorboard", step) if tensorboard else None
+        self._board = board(out / "tensorboard", step) if tensorboard else None
 
     def add(
         self, step: int, stage: str, iteration: int, loss: float, psnr_db: float, anchors: int, seconds: float
@@ -92,7 +92,8 @@ def _read(path: Path) -> list[list[str]]:
     return rows[1:]
 
 
-def _board(folder: Path, step: int) -> SummaryWriter:
+def board(folder: Path, step: int) -> SummaryWriter:
+    """A writer of TensorBoard's files, which goes on after `step`. Raises InputError where that is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:

@@ -1,5 +1,7 @@
 """Experiment files: what they say of every run, and what is refused."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -98,6 +100,17 @@ def test_the_examples_that_are_shipped_can_be_read() -> None:
     assert files
     for path in files:
         assert in_order([experiment_graph(read_experiment(path))])[-1].kind == "tabulate"
+
+
+def test_a_graph_is_planned_without_torch() -> None:
+    """What is done is then seen to be done at once."""
+    code = (
+        "import sys; from pathlib import Path; from aa4d.experiments.run_file import show_plan\n"
+        "show_plan(Path(sys.argv[1]), Path(sys.argv[2]), 1, None, ())\n"
+        "assert 'torch' not in sys.modules"
+    )
+    file = SCENES / "experiments/aggregation.toml"
+    subprocess.run([sys.executable, "-c", code, str(file), "no such folder"], check=True, timeout=120)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """`aa4d experiment` from the command line to its tables, on the toy capture."""
 
+import importlib.util
 import json
 import shutil
 import sys
@@ -72,6 +73,8 @@ def test_runs_are_trained_scored_and_tabulated_and_stay(
     said = capsys.readouterr().out
     assert "Two of them: capture" in said
     assert "5/5  tabulate two" in said
+    events = [json.loads(line)["event"] for line in (out / "events.jsonl").read_text().splitlines()]
+    assert events.count("started") == events.count("finished") == 5
     table = (out / "tables/table.md").read_text()
     assert "| capture | product | 1 |" in table
     runs = sorted(path.name for path in (out / "train").iterdir() if path.is_dir())
@@ -149,6 +152,7 @@ def test_parts_that_are_run_one_by_one_are_one_experiment(
         (("--part", "0/2"), "--part 0/2: write which of how many, from 1 on, for instance 3/20"),
         (("--part", "three"), "--part three: write which of how many"),
         (("--jobs", "0"), "--jobs 0: must be at least 1"),
+        (("--tensorboard",), "--tensorboard: needs the package tensorboard; pip install tensorboard"),
         (("--engine", "inlin"), "--engine inlin: must be one of inline, processes, ray; did you mean inline?"),
         (("--engine", "ray"), "--engine ray: say which cluster with --address HOST:PORT"),
         (("--engine", "inline", "--jobs", "2"), "--jobs 2: the engine inline does one task at a time"),
@@ -164,6 +168,8 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(
 ) -> None:
     if "ray" in arguments:
         pytest.importorskip("ray")
+    find = importlib.util.find_spec
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "tensorboard" else find(name))
     assert aa4d(monkeypatch, file, "--out", tmp_path / "out", *arguments) == 2
     said = capsys.readouterr().err
     assert says in said

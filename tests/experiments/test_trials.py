@@ -24,7 +24,7 @@ from aa4d.graph.engines import Means, engine_of
 from aa4d.graph.events import Event, Failed, Finished
 from aa4d.graph.store import Store
 from aa4d.graph.work import Job, perform
-from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.aggregations import AGGREGATIONS
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
 from tests.capture.test_content import change_frame

@@ -9,7 +9,8 @@ import torch
 from aa4d.field.planes import FeaturePlanes, regularisation
 from aa4d.kernels.plane_lookup import AXES, PLANES, interpolate, look_up
 from aa4d.kernels.plane_penalty import plane_penalty
-from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS, Aggregation, Predicted, Weighted, make_aggregation
+from aa4d.methods.adaanchor4d.aggregation import Aggregation, Predicted, Weighted, make_aggregation
+from aa4d.methods.adaanchor4d.aggregations import AGGREGATIONS
 from aa4d.methods.adaanchor4d.geometry import OffsetDeformation, ScaleDeformation
 
 

@@ -1,5 +1,6 @@
 """The engine ray: a real cluster of two nodes on this machine, one of which is lost in the middle."""
 
+import signal
 import socket
 import threading
 import time
@@ -20,20 +21,52 @@ from tests.graph.toy import toy
 
 pytest.importorskip("ray", reason='Ray is not installed; pip install "aa4d[cluster]"')
 
+LONGEST_S = 240  # of a test, the start of the cluster included
+START_S = 120  # of a node, where the machine is busy; Ray gives it 20
+
+
+@pytest.fixture(autouse=True)
+def bounded() -> Iterator[None]:
+    """A cluster that never answers is a failure, and no endless wait."""
+
+    def give_up(_number: int, _frame: Any) -> None:
+        raise TimeoutError(f"not done within {LONGEST_S} s")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(LONGEST_S)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Of one node with two cores, the head. Ray wants it to start within 20 s: the machine must not be busy."""
+    """Of one node with two cores, the head."""
+    from ray._private import ray_constants
     from ray.cluster_utils import Cluster
 
-    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
-    yield made
-    made.shutdown()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ray_constants, "NUM_REDIS_GET_RETRIES", START_S)  # one look a second
+        made = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
+        yield made
+        made.shutdown()
 
 
 def graph(log: Path, gate: Path | None = None) -> Task:
     leaves = [toy(f"leaf{i}", value=i, gate=gate, log=log) for i in range(4)]
     return toy("top", *leaves, value=100, log=log)
+
+
+def test_a_cluster_gives_the_results_of_one_process(cluster: Any, tmp_path: Path) -> None:
+    leaves = [toy(f"leaf{i}", value=i) for i in range(2)]
+    top, events = toy("top", *leaves, value=100), list[Event]()
+    expected = run_graph([top], Store(tmp_path / "one"), engine_of("inline", Means()), lambda _: None)
+    engine = engine_of("ray", Means(address=cluster.address))
+    outcome = run_graph([top], Store(tmp_path / "two"), engine, events.append)
+    assert {d: (k.result, k.content) for d, k in outcome.kept.items()} == {
+        d: (k.result, k.content) for d, k in expected.kept.items()
+    }
+    assert {event.task.name for event in events if isinstance(event, Advanced)} == {"leaf0", "leaf1", "top"}
 
 
 @pytest.mark.slow

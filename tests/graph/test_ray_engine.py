@@ -10,11 +10,11 @@ import pytest
 
 from aa4d.graph.engines import ray as engine_module
 from aa4d.graph.engines.ray import OnRay
-from aa4d.graph.events import Advanced, Event, Failed, Finished, Said
+from aa4d.graph.events import Advanced, Event, Failed, Finished, Said, Stopped
 from aa4d.graph.scheduler import Outcome, run_graph
 from aa4d.graph.store import Store
 from aa4d.graph.task import Resources, Task
-from aa4d.graph.work import OUT_OF_MEMORY, attempt
+from aa4d.graph.work import OUT_OF_MEMORY, Job, attempt
 from tests.graph.toy import toy
 
 NAMES = ("WorkerCrashedError", "NodeDiedError", "LocalRayletDiedError", "OutOfMemoryError", "TaskCancelledError")
@@ -29,6 +29,7 @@ class StandIn:
         self.alive = {"a", "b"}
         self.endings: list[Callable[[], None]] = []
         self.asked: list[dict[str, Any]] = []
+        self.cancelled: list[bool] = []  # by force?
 
     def cluster_resources(self) -> dict[str, float]:
         return {"CPU": 4.0}
@@ -63,6 +64,9 @@ class StandIn:
     def get(self, reference: Any, timeout: float) -> Event:  # noqa: ARG002
         ending: Event = reference()
         return ending
+
+    def cancel(self, _reference: Any, *, force: bool) -> None:
+        self.cancelled.append(force)
 
     def shutdown(self) -> None: ...
 
@@ -144,3 +148,20 @@ def test_what_no_machine_has_is_refused(ray: StandIn, wanted: Resources, lacking
     assert outcome.failures[task.digest].sentence == (
         f"no machine of the cluster has {lacking}; add one, or ask for less"
     )
+
+
+def test_a_task_is_asked_to_save_and_never_cancelled_by_force(
+    ray: StandIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ray aborts the process that cancels by force a task whose answer is under way."""
+    monkeypatch.setattr(engine_module, "SAVED_WITHIN_S", 0.1)
+    saved, late, told = toy("saved"), toy("late", value=2), list[Event]()
+    engine = OnRay(ray, None)
+    for task in (saved, late):
+        engine.start(Job(tmp_path, task, {}, {}), told.append)
+    engine.stop()  # the stand-in says that the first one is ready
+    assert ray.cancelled == [False, False]
+    assert [(type(event), event.task) for event in told if not isinstance(event, Advanced)] == [
+        (Finished, saved),
+        (Stopped, late),
+    ]

@@ -7,13 +7,16 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from aa4d.errors import InputError, Interrupted
 from aa4d.graph.engines import Means, engine_of
 from aa4d.graph.events import Advanced, Event, Failed, Finished, Said, Started
+from aa4d.graph.kinds import Kind
 from aa4d.graph.scheduler import Outcome, check, run_graph
 from aa4d.graph.store import Store
 from aa4d.graph.task import Task
@@ -78,6 +81,23 @@ def test_a_fault_of_the_program_is_told_of_its_task_alone(tmp_path: Path) -> Non
     outcome, _ = run([bad, good], tmp_path)
     assert outcome.failures[bad.digest].sentence == "ZeroDivisionError: by a toy"
     assert good.digest in outcome.kept
+
+
+@pytest.mark.parametrize(("engine", "jobs"), [("inline", None), ("processes", 2)])
+def test_a_full_disk_is_named_leaves_nothing_half_made_and_the_same_graph_continues(
+    tmp_path: Path, engine: str, jobs: int | None
+) -> None:
+    gate = tmp_path / "gate"
+    full, good = toy("full", value=7, does="fill", gate=gate), toy("good", value=2)
+    outcome, _ = run([full, good], tmp_path / "out", engine, jobs)
+    sentence = outcome.failures[full.digest].sentence
+    assert sentence.endswith("sum.txt: No space left on device; free some, and run the same command again")
+    assert good.digest in outcome.kept
+    assert not Store(tmp_path / "out").folder(full).exists()
+    gate.touch()
+    again, listener = run([full, good], tmp_path / "out", engine, jobs)
+    assert listener.made() == ["full"]
+    assert again.kept[full.digest].result["sum"] == 7
 
 
 def test_a_process_that_is_killed_for_memory_fails_alone_and_says_so(tmp_path: Path) -> None:
@@ -170,6 +190,51 @@ def test_seconds_of_interrupted_tries_add_up(tmp_path: Path) -> None:
     run([task], tmp_path)
     run([task], tmp_path)
     assert Store(tmp_path).spent(task) >= 0.2
+
+
+def in_place(**settings: Any) -> Task:
+    return replace(toy("one", **settings), outputs=("sum.txt",))
+
+
+def test_a_result_can_be_made_where_it_lies(tmp_path: Path) -> None:
+    run([in_place(value=3)], tmp_path)
+    assert (tmp_path / "sum.txt").read_text() == "3"
+    assert run([in_place(value=3)], tmp_path)[1].made() == []
+    (tmp_path / "sum.txt").write_text("4")
+    _, listener = run([in_place(value=3)], tmp_path)
+    said = [event.text for event in listener.events if isinstance(event, Said)]
+    assert said == [f"{tmp_path / 'sum.txt'} is not as it was made; {toy('one').title} is made again"]
+    assert (tmp_path / "sum.txt").read_text() == "3"
+    assert run([in_place(value=5)], tmp_path)[1].made() == ["one"]
+    assert len(list(Store(tmp_path).records())) == 1, "a record is that of the result that is there"
+
+
+def test_seconds_of_a_result_in_place_are_those_of_the_tries_that_made_it(tmp_path: Path) -> None:
+    gate, store = tmp_path / "gate", Store(tmp_path)
+    run([in_place(does="fail", seconds=0.1, gate=gate)], tmp_path)
+    assert store.spent(in_place(does="fail", seconds=0.1)) >= 0.1
+    assert store.spent(in_place(value=9)) == 0.0, "another task begins anew"
+    gate.touch()
+    first, _ = run([in_place(does="fail", seconds=0.1, gate=gate)], tmp_path)
+    (kept,) = first.kept.values()
+    assert kept.seconds is not None
+    assert kept.seconds >= 0.2
+
+
+def test_a_result_in_place_that_was_looked_at_and_left_as_it_was_took_what_it_took(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, _ = run([in_place(value=3, seconds=0.1)], tmp_path)
+    monkeypatch.setattr("tests.graph.toy.KIND", Kind(lambda _: {}))
+    again, listener = run([in_place(value=3)], tmp_path)
+    assert listener.made() == ["one"]
+    assert [kept.seconds for kept in again.kept.values()] == [kept.seconds for kept in first.kept.values()]
+
+
+def test_what_a_task_has_not_made_is_a_failure_of_that_task(tmp_path: Path) -> None:
+    task = replace(toy("one"), outputs=("sum.txt", "plot.png"))
+    outcome, _ = run([task], tmp_path)
+    assert f"{tmp_path / 'plot.png'}: {task.title} has not made it" in outcome.failures[task.digest].sentence
 
 
 PROGRAM = """

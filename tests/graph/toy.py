@@ -1,5 +1,6 @@
 """A kind of task for tests: adds up what it needs, and does as it is told; `toy(...)` makes one."""
 
+import errno
 import os
 import signal
 import time
@@ -17,7 +18,7 @@ from aa4d.graph.task import Resources, Task, location
 class Toy:
     value: int = 1
     seconds: float = 0.0
-    does: str = ""  # "fail", "break", "die"
+    does: str = ""  # "fail", "break", "die", "fill"
     log: Path | None = location(None)  # a line for every try
     gate: Path | None = location(None)  # a file that lets it through, or mends it
 
@@ -35,6 +36,8 @@ def run(call: Call) -> dict[str, Any]:
     is_open = toy.gate is not None and toy.gate.exists()
     if toy.does == "fail" and not is_open:
         raise InputError("the toy is broken; mend it")
+    if toy.does == "fill" and not is_open:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(call.folder / "sum.txt"))
     if toy.does == "break":
         raise ZeroDivisionError("by a toy")
     if toy.does == "die":

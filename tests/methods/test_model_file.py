@@ -14,7 +14,7 @@ from aa4d.anchors.canonical import Anchors
 from aa4d.capture.frame import frame_of
 from aa4d.capture.reader import read_capture
 from aa4d.errors import InputError
-from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.aggregations import AGGREGATIONS
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D, blank_model
 from aa4d.methods.adaanchor4d.settings import ModelConfig
 from aa4d.methods.model_file import MODEL_VERSION, copy_model, load_model, read_tensors, save_model

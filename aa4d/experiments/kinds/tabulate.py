@@ -8,6 +8,7 @@ from typing import Any
 
 from aa4d import __version__
 from aa4d.errors import InputError
+from aa4d.experiments.axis import Knob
 from aa4d.experiments.kinds.evaluate import Row
 from aa4d.files import write_text
 from aa4d.graph.call import Call
@@ -21,12 +22,20 @@ class Entry:
     capture: str
     variant: str
     seed: int
+    at: float | None = None  # of the experiment's axis
+
+    @property
+    def named(self) -> Row:
+        """What a row begins with."""
+        row: Row = {"capture": self.capture, "variant": self.variant, "seed": self.seed}
+        return row if self.at is None else row | {"at": self.at}
 
 
 @dataclass(frozen=True)
 class Tabulation:
     title: str
     entries: tuple[Entry, ...]
+    knob: Knob | None = None  # whose axis the entries lie on
 
     def rows(self, results: Mapping[int, Mapping[str, Any]]) -> list[Row]:
         """Rows of tables.
@@ -34,11 +43,7 @@ class Tabulation:
         Args:
             results: of evaluations, by their places.
         """
-        return [
-            {"capture": entry.capture, "variant": entry.variant, "seed": entry.seed, **results[place]}
-            for place, entry in enumerate(self.entries)
-            if place in results
-        ]
+        return [entry.named | dict(results[place]) for place, entry in enumerate(self.entries) if place in results]
 
 
 def run(call: Call) -> dict[str, Any]:
@@ -53,7 +58,7 @@ def run(call: Call) -> dict[str, Any]:
     if not rows:
         raise InputError(f"no run came to anything; first: {next(iter(call.failures.values()), 'there is none')}")
     variants = tuple(Variant(label) for label in dict.fromkeys(entry.variant for entry in settings.entries))
-    write_tables(Experiment("experiment", settings.title, variants), rows, call.folder)
+    write_tables(Experiment("experiment", settings.title, variants), rows, call.folder, settings.knob)
     if call.failures:
         lines = [f"- {name}: {sentence}\n" for name, sentence in call.failures.items()]
         write_text(call.folder / "failed.md", "".join(lines))

@@ -159,12 +159,17 @@ class OnRay:
                 running.tell(Advanced(task, line["done"], line["total"], line["facts"]))
 
     def stop(self) -> None:
+        """Ask all tasks to save. One that does not answer in time ends with `close`; what is whole is on disk.
+
+        None is cancelled by force: Ray aborts the process that does so while the task's answer is under way.
+        """
         for reference in self._running:
             self._ray.cancel(reference, force=False)
-        self._ray.wait(list(self._running), num_returns=len(self._running), timeout=SAVED_WITHIN_S)
-        for reference, running in list(self._running.items()):
-            self._ray.cancel(reference, force=True)  # one that has not answered; what is whole is on disk
-            running.tell(self._ending(reference, running) or Stopped(running.job.task))
+        references = list(self._running)
+        ready, _ = self._ray.wait(references, num_returns=len(references), timeout=SAVED_WITHIN_S)
+        for reference, running in self._running.items():
+            event = self._ending(reference, running) if reference in ready else None
+            running.tell(event or Stopped(running.job.task))
         self._running.clear()
 
     def close(self) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor, nn
 
@@ -11,10 +9,21 @@ from aa4d.errors import InputError
 from aa4d.field.mlp import TwoLayer
 from aa4d.field.planes import FeaturePlanes
 from aa4d.kernels.plane_lookup import PLANES, look_up
+from aa4d.methods.adaanchor4d.aggregations import AGGREGATIONS
 
 
 class Aggregation(nn.Module):
-    """One strategy. The same rule holds at every level; levels are concatenated, coarsest first."""
+    """One strategy. The same rule holds at every level; levels are concatenated, coarsest first.
+
+    Args:
+        embedding_dim: size E of e_i^acfa.
+        hidden: width of Phi_w.
+        channels: C, of a plane.
+    """
+
+    def __init__(self, embedding_dim: int, hidden: int, channels: int) -> None:  # noqa: ARG002
+        super().__init__()
+        self.channels = channels
 
     def forward(self, field: FeaturePlanes, u: Tensor, embedding: Tensor, t: float) -> Tensor:
         """h_i(t) at the warped coordinates u [N, 3] with e_i^acfa [N, E]: [N, L * C]."""
@@ -35,10 +44,6 @@ class Product(Aggregation):
 class Weighted(Aggregation):
     """A weighted sum over the planes."""
 
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.channels = channels
-
     def scores(self, embedding: Tensor, t: float) -> Tensor:
         """[N, E] -> [N, 6, C]"""
         raise NotImplementedError
@@ -58,16 +63,22 @@ class Mean(Weighted):
 class Predicted(Weighted):
     """Weights by Phi_w. They start at 1/6: its output layer is zero."""
 
-    def __init__(self, conditions: int, hidden: int, channels: int) -> None:
-        super().__init__(channels)
-        self.predictor = TwoLayer(conditions, hidden, len(PLANES) * channels, zero_output=True)
+    def __init__(self, embedding_dim: int, hidden: int, channels: int) -> None:
+        super().__init__(embedding_dim, hidden, channels)
+        self.predictor = TwoLayer(self.conditions(embedding_dim), hidden, len(PLANES) * channels, zero_output=True)
+
+    @staticmethod
+    def conditions(embedding_dim: int) -> int:
+        """Width of what Phi_w is given."""
+        raise NotImplementedError
 
 
 class AnchorConditioned(Predicted):
     """ACFA: weights from the anchor's embedding and time."""
 
-    def __init__(self, embedding_dim: int, hidden: int, channels: int) -> None:
-        super().__init__(embedding_dim + 1, hidden, channels)
+    @staticmethod
+    def conditions(embedding_dim: int) -> int:
+        return embedding_dim + 1
 
     def scores(self, embedding: Tensor, t: float) -> Tensor:
         return self.predictor(embedding, t).unflatten(1, (len(PLANES), -1))
@@ -76,6 +87,10 @@ class AnchorConditioned(Predicted):
 class AnchorOnly(Predicted):
     """Weights from the anchor's embedding, the same at every time."""
 
+    @staticmethod
+    def conditions(embedding_dim: int) -> int:
+        return embedding_dim
+
     def scores(self, embedding: Tensor, t: float) -> Tensor:  # noqa: ARG002
         return self.predictor(embedding).unflatten(1, (len(PLANES), -1))
 
@@ -83,26 +98,18 @@ class AnchorOnly(Predicted):
 class TimeOnly(Predicted):
     """Weights from time, the same for every anchor."""
 
-    def __init__(self, hidden: int, channels: int) -> None:
-        super().__init__(1, hidden, channels)
+    @staticmethod
+    def conditions(embedding_dim: int) -> int:  # noqa: ARG004
+        return 1
 
     def scores(self, embedding: Tensor, t: float) -> Tensor:
         of_all = self.predictor(embedding.new_full((1, 1), t)).unflatten(1, (len(PLANES), -1))
         return of_all.expand(len(embedding), -1, -1)
 
 
-# From embedding size E, width of Phi_w's hidden layer, and channels C.
-AGGREGATIONS: dict[str, Callable[[int, int, int], Aggregation]] = {
-    "product": lambda _embedding_dim, _hidden, _channels: Product(),
-    "mean": lambda _embedding_dim, _hidden, channels: Mean(channels),
-    "anchor_only": AnchorOnly,
-    "time_only": lambda _embedding_dim, hidden, channels: TimeOnly(hidden, channels),
-    "acfa": AnchorConditioned,
-}
-
-
 def make_aggregation(name: str, embedding_dim: int, hidden: int, channels: int) -> Aggregation:
     """Raises InputError for a name that is not in `AGGREGATIONS`."""
     if name not in AGGREGATIONS:
         raise InputError(f"aggregation {name!r} is unknown; choose one of {', '.join(AGGREGATIONS)}")
-    return AGGREGATIONS[name](embedding_dim, hidden, channels)
+    strategy: type[Aggregation] = globals()[AGGREGATIONS[name]]
+    return strategy(embedding_dim, hidden, channels)

@@ -8,7 +8,7 @@ from typing import Any
 from torch import Tensor
 
 from aa4d.errors import InputError
-from aa4d.methods.adaanchor4d.aggregation import AGGREGATIONS
+from aa4d.methods.adaanchor4d.aggregations import AGGREGATIONS
 from aa4d.methods.adaanchor4d.model import AdaAnchor4D, blank_model
 from aa4d.methods.adaanchor4d.settings import ModelConfig
 from aa4d.methods.adaanchor4d.warping import CoordinateWarp

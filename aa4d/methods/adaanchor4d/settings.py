@@ -67,7 +67,7 @@ class ModelConfig:
     geometry_hidden: Width = 128  # [paper] of Phi_o, Phi_s
     encoder_width: Width = 128  # [MoDec-GS] of what heads take
     decoder_hidden: Width = 32  # [Scaffold-GS]
-    aggregation: Annotated[str, NameIn("aa4d.methods.adaanchor4d.aggregation", "AGGREGATIONS")] = "acfa"  # [paper]
+    aggregation: Annotated[str, NameIn("aa4d.methods.adaanchor4d.aggregations", "AGGREGATIONS")] = "acfa"  # [paper]
 
 
 @dataclass(frozen=True, kw_only=True)
