@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import tempfile
+from dataclasses import replace
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -12,6 +15,8 @@ from aa4d.kernels.plane_lookup import _look_up
 from aa4d.kernels.two_layer import _two_layer, two_layer
 from aa4d.methods.adaanchor4d.aggregation import make_aggregation
 from aa4d.stress.cases import Part
+from aa4d.stress.hostile import write_hostile_capture
+from aa4d.stress.long_run import settings_of, train
 from tests.hard_cases.acfa import layers
 from tests.hard_cases.errors import against_twin, relative, values_and_gradients
 
@@ -195,6 +200,19 @@ def no_rows() -> float:
     assert y.shape == (0, 2)
     y.sum().backward()
     return max(float(tensor.grad.abs().max()) for tensor in network if tensor.grad is not None)
+
+
+@PART.case(
+    why="thin objects, a white and a black frame, an exposure jump, a camera at a wall: 1,000 iterations of all that",
+    done="a run ends at the first value that is not finite: none is met",
+    is_slow=True,
+)
+def hostile_training() -> float:
+    with tempfile.TemporaryDirectory() as folder:
+        write_hostile_capture(Path(folder, "capture"))
+        rows = train(Path(folder), replace(settings_of(1000, 0), arithmetic="bfloat16"))
+    is_finite = all(math.isfinite(row["largest_loss"]) for row in rows)
+    return 0.0 if is_finite and rows[-1]["step"] == 1000 else math.inf
 
 
 @PART.case(
