@@ -50,6 +50,8 @@ CAPTURE = (  # the field of view is that of tests/capture/aerial.py: finding it 
     *("--movers", "off", "--threads", "1", "--fps", "10", "--longest-px", "320", "--fov", "56.145"),
     *("--set", "reconstruction.features=800"),
 )
+# A process for each task, which imports everything anew, is what `compare` tries.
+ONE_PROCESS = ("--engine", "inline", "--iterations", "4", "4")
 COMMANDS = (
     Command("synth", ("synth", "{inputs}/scene.toml", "--out", "{disk}/capture")),
     Command("synth-workers", ("synth", "{inputs}/scene.toml", "--out", "{disk}/capture", "--workers", "2")),
@@ -66,11 +68,9 @@ COMMANDS = (
       ("ply", "points", "usd", "usd-points", "track", "html", "4dgs")),
     Command("compare", ("compare", "{inputs}/capture", "--out", "{disk}/out", "--methods", "adaanchor4d",
                         "--iterations", "4", "4", "--seeds", "1")),
-    Command("ablate", ("ablate", "motion", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", "--iterations",
-                       "4", "4")),
-    Command("sweep", ("sweep", "embedding", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", "--iterations",
-                      "4", "4")),
-    Command("experiment", ("experiment", "{inputs}/experiment.toml", "--out", "{disk}/out")),
+    Command("ablate", ("ablate", "motion", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", *ONE_PROCESS)),
+    Command("sweep", ("sweep", "embedding", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", *ONE_PROCESS)),
+    Command("experiment", ("experiment", "{inputs}/experiment.toml", "--out", "{disk}/out", "--engine", "inline")),
     Command("stress", ("stress", "--part", "optimiser", "--write", "{disk}/page.md")),
     Command("extension", ("{disk}/adaanchor4d.zip",), program=(sys.executable, str(ROOT / "addon/build_extension.py"))),
     Command("blend", ("{inputs}/model.safetensors", "--extension", "{inputs}/adaanchor4d.zip", "--out",

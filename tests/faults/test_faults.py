@@ -110,7 +110,10 @@ def test_what_counts_as_half_written(tmp_path: Path) -> None:
     (tmp_path / "d.csv").write_text("step\n1\n")
     (tmp_path / "features.part").mkdir()
     (tmp_path / "features.part" / "e.json").write_text("{")
-    assert unfinished(tmp_path) == [".c.npz.x1.part.npz", "a.json", "b.png"], "a step that was stopped works in .part"
+    (tmp_path / "features.part.json").write_text('{"seconds": 3.5}')
+    (tmp_path / "nothing.part.json").write_text('{"seconds": 3.5}')
+    left = [".c.npz.x1.part.npz", "a.json", "b.png", "nothing.part.json"]
+    assert unfinished(tmp_path) == left, "a step that was stopped works in .part"
 
 
 def test_times_are_no_difference_and_all_else_is(tmp_path: Path) -> None:
