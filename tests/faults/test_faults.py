@@ -81,6 +81,7 @@ def test_a_program_that_takes_a_failed_write_for_done_is_found(tmp_path: Path) -
     [
         ("eval/.frame_0012.png.k3_9xa2b.part.png", "eval/.frame_*.png.*.part.png"),
         ("tmp/tmpab12_xyz/a.npz", "tmp/tmp*/a.npz"),
+        ("tmp/aa4d-synth-dsc_da4s/truth.exr", "tmp/aa*d-synth-*/truth.exr"),
         ("tmp/wtqs5k3w", "tmp/*"),  # in which Python tries whether files can be written
         ("run/.tmpblYUmY", "run/.tmp*"),  # of safetensors
         ("run/history.csv", "run/history.csv"),
