@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 NATIVE := $(shell find aa4d/_native -type f 2>/dev/null)
 
 # Of the cases in tests/hard_cases, those that run native code.
-NATIVE_CASES := raster or plane_lookup or acfa or dlgd or anchors or losses
+NATIVE_CASES := raster or plane_lookup or acfa or arithmetic or dlgd or anchors or losses
 SANITIZED = LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so.6)" \
 	ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc OMP_NUM_THREADS=1 \
 	PYTHONPATH=tests/sanitizers AA4D_NATIVE=$$(echo $(abspath build/sanitize)/_native*.so)
@@ -23,7 +23,7 @@ help:
 	@echo "make bench-addon  what the extension costs, into dist/bench-addon.json (minutes); MODEL=... adds accuracy"
 	@echo "make stress     the table of hard cases, into docs/hard-cases.md"
 	@echo "make sanitize   kernels and rasteriser under AddressSanitizer and UndefinedBehaviorSanitizer (gcc; minutes)"
-	@echo "make sanitize-threads  the thread pool under ThreadSanitizer (gcc)"
+	@echo "make sanitize-threads  the thread pool and the kernels under ThreadSanitizer (gcc; minutes)"
 	@echo "make fuzz       damaged files for every reader; COUNT=10000 of each, at most BUDGET=1800 seconds in all"
 	@echo "make faults     every command on full disks, in folders it may not write, and killed (Linux; an hour)"
 	@echo "make long-run   30,000 iterations on a hostile capture, into dist/long-run (half an hour)"
@@ -82,11 +82,20 @@ sanitize: $(VENV)/installed
 	AA4D_SIMD=portable $(SANITIZED) $(BIN)/python -m pytest -m "not slow" -k "$(NATIVE_CASES)" tests/hard_cases
 
 # ThreadSanitizer of some gcc versions does not start where addresses are randomized widely: setarch turns that off.
-sanitize-threads:
+# In Python it sees the native module alone: neither the interpreter nor torch, which keeps to one thread, is built for it.
+sanitize-threads: $(VENV)/installed
 	@mkdir -p build/sanitize-threads
 	g++ -std=c++20 -O1 -g -fsanitize=thread -pthread -I aa4d/_native tests/sanitizers/thread_pool.cpp \
 		aa4d/_native/common/thread_pool.cpp -o build/sanitize-threads/thread_pool
 	setarch -R build/sanitize-threads/thread_pool
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "cmake>=3.18" "nanobind>=2.9"
+	$(BIN)/cmake -S aa4d/_native -B build/sanitize-threads/native -DPython_EXECUTABLE=$(abspath $(BIN)/python) \
+		-DAA4D_SANITIZE=thread
+	$(BIN)/cmake --build build/sanitize-threads/native --parallel $(JOBS)
+	setarch -R env LD_PRELOAD="$$(gcc -print-file-name=libtsan.so) $$(gcc -print-file-name=libstdc++.so.6)" \
+		OMP_NUM_THREADS=1 PYTHONPATH=tests/sanitizers:. \
+		AA4D_NATIVE=$$(echo $(abspath build/sanitize-threads/native)/_native*.so) \
+		$(BIN)/python tests/sanitizers/threaded_kernels.py
 
 COUNT ?= 10000
 BUDGET ?= 1800

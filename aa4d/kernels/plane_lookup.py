@@ -56,14 +56,16 @@ def interpolate(plane: Tensor, coordinates: Tensor) -> Tensor:
 
     -1 and 1 are the centres of the first and last texel; outside, the border's value.
     """
+    # PyTorch counts the numbers of a 16-bit plane with 16 bits, and reads outside a plane of more than 32,767.
+    dtype = torch.promote_types(plane.dtype, torch.float32)
     sampled = F.grid_sample(
-        plane.permute(2, 0, 1)[None],
-        coordinates[None, None],
+        plane.permute(2, 0, 1)[None].to(dtype),
+        coordinates[None, None].to(dtype),
         mode="bilinear",
         padding_mode="border",
         align_corners=True,
     )
-    return sampled[0, :, 0].T
+    return sampled[0, :, 0].T.to(plane.dtype)
 
 
 class _LookUp(torch.autograd.Function):

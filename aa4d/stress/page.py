@@ -15,9 +15,9 @@ or it is 0 for a refusal in one sentence. The cases are in `tests/hard_cases/`, 
 `aa4d stress --write docs/hard-cases.md` wrote this page. `--part NAME` runs one part, `--budget SECONDS` then searches
 for inputs that break a bound and shrinks what it finds (`pip install -e ".[dev]"` brings hypothesis, which it needs).
 `make sanitize` runs the native code's cases under AddressSanitizer and UndefinedBehaviorSanitizer, `make
-sanitize-threads` its thread pool under ThreadSanitizer, and `make fuzz` gives every reader thousands of damaged files.
-`make faults` runs every command that writes on a disk that is full at each of its writes and in folders that it may not
-write, and kills it at random moments.
+sanitize-threads` its thread pool and its kernels under ThreadSanitizer, and `make fuzz` gives every reader thousands of
+damaged files. `make faults` runs every command that writes on a disk that is full at each of its writes and in folders
+that it may not write, and kills it at random moments.
 """
 
 MEASURED = """
@@ -35,12 +35,22 @@ magnitudes of some parameter groups, in the picture those of all.
 
 ## Full disks, folders that may not be written, and `kill -9`
 
-Each command on small inputs, on a file system that holds too few bytes or too few files at places spread over all that
-it writes, on one that is read-only, and in folders without permission: it has to say so in one sentence with exit code
-2, leave nothing half-written and what was there as it was, and come to the same result once there is room. And killed
-at random moments, after which the same command has to come to the same result.
+Each command on small inputs. Each kind of file that it writes, by whatever library, is cut short once at its last page
+on a file system that is full there (files that a number or a random part of their names tells apart are one kind, of
+which the first is cut). And the command runs where too few files can be made, on a file system that is read-only, and
+in folders without permission: it has to say so in one sentence with exit code 2, leave nothing half-written and what
+was there as it was, and come to the same result once there is room. And killed at random moments, after which the same
+command has to come to the same result.
 
 <!-- measured: faults -->
+<!-- end -->
+
+## Damaged files
+
+Each reader on files with bytes flipped, values replaced by what no result could have, keys and tensors taken out or of
+another shape: never a traceback, more than one sentence, 5 seconds, 1 GiB, or a value accepted that could not be.
+
+<!-- measured: fuzz -->
 <!-- end -->
 """
 

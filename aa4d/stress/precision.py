@@ -2,9 +2,9 @@
 
     python -m aa4d.stress.precision --json ladder.json --plot ladder.png
 
-What has a fused kernel is measured as the kernel and as its torch twin. A twin in bfloat16 keeps every number in it;
-the networks' kernel rounds the factors of products only. Times are of the processor, forward and backward, the least
-of the repeats: other programs on the machine alter them little.
+What has a fused kernel is measured as the kernel and as its torch twin. A twin in bfloat16 keeps every number in it,
+but where the look-up interpolates; the networks' kernel rounds the factors of products only. Times are of the
+processor, forward and backward, the least of the repeats: other programs on the machine alter them little.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.faults.disk import obey_permissions
+from tests.faults.watch import Watch
 
 ROOT = Path(__file__).resolve().parents[2]
 BLENDER = Path(__file__).with_name("in_blender.py")
@@ -49,6 +50,8 @@ CAPTURE = (  # the field of view is that of tests/capture/aerial.py: finding it 
     *("--movers", "off", "--threads", "1", "--fps", "10", "--longest-px", "320", "--fov", "56.145"),
     *("--set", "reconstruction.features=800"),
 )
+# A process for each task, which imports everything anew, is what `compare` tries.
+ONE_PROCESS = ("--engine", "inline", "--iterations", "4", "4")
 COMMANDS = (
     Command("synth", ("synth", "{inputs}/scene.toml", "--out", "{disk}/capture")),
     Command("synth-workers", ("synth", "{inputs}/scene.toml", "--out", "{disk}/capture", "--workers", "2")),
@@ -62,13 +65,12 @@ COMMANDS = (
     _of_run("inspect", "inspect", "{disk}/run", "--capture", "{inputs}/capture"),
     _of_run("render", "render", "{disk}/run", "--frames", "3", "--layers", "color", "motion"),
     *(_of_run(f"export-{f}", "export", "{disk}/run", "--format", f, "--frames", "3") for f in
-      ("ply", "points", "usd", "track", "4dgs")),
+      ("ply", "points", "usd", "usd-points", "track", "html", "4dgs")),
     Command("compare", ("compare", "{inputs}/capture", "--out", "{disk}/out", "--methods", "adaanchor4d",
                         "--iterations", "4", "4", "--seeds", "1")),
-    Command("ablate", ("ablate", "motion", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", "--iterations",
-                       "4", "4")),
-    Command("sweep", ("sweep", "embedding", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", "--iterations",
-                      "4", "4")),
+    Command("ablate", ("ablate", "motion", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", *ONE_PROCESS)),
+    Command("sweep", ("sweep", "embedding", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", *ONE_PROCESS)),
+    Command("experiment", ("experiment", "{inputs}/experiment.toml", "--out", "{disk}/out", "--engine", "inline")),
     Command("stress", ("stress", "--part", "optimiser", "--write", "{disk}/page.md")),
     Command("extension", ("{disk}/adaanchor4d.zip",), program=(sys.executable, str(ROOT / "addon/build_extension.py"))),
     Command("blend", ("{inputs}/model.safetensors", "--extension", "{inputs}/adaanchor4d.zip", "--out",
@@ -100,6 +102,10 @@ def _make_frames(path: Path) -> None:
     aerial.write(path, aerial.pictures(aerial.arc()))
 
 
+def _make_experiment(path: Path) -> None:
+    path.write_text('title = "Two"\nscenes = ["capture"]\npreset = "quick"\niterations = [4, 4]\n[variants.a]\n')
+
+
 def _make_model(path: Path) -> None:
     from tests.addon.model_files import make_model, write_model
 
@@ -116,6 +122,7 @@ INPUTS: dict[str, Callable[[Path], object]] = {
     "run": _make_run,
     "frames": _make_frames,
     "scene.toml": _make_scene,
+    "experiment.toml": _make_experiment,
     "model.safetensors": _make_model,
     "adaanchor4d.zip": _make_extension,
 }
@@ -125,7 +132,10 @@ def make_inputs(wanted: Sequence[Command], folder: Path) -> None:
     """What these commands read, in `folder`; what is there already stays."""
     line = " ".join(part for command in wanted for part in command.line)
     for name, make in INPUTS.items():
-        needs_run = name == "run" and ("{inputs}/capture" in line or any(command.has_run for command in wanted))
+        needs_run = name == "run" and (
+            any(f"{{inputs}}/{what}" in line for what in ("capture", "experiment"))
+            or any(command.has_run for command in wanted)
+        )
         if (needs_run or f"{{inputs}}/{name}" in line) and not (folder / name).exists():
             make(folder / name)
 
@@ -144,7 +154,9 @@ class Ended:
     seconds: float
 
 
-def start(command: Command, inputs: Path, disk: Path, log: Path, *, unprivileged: bool = False) -> int:
+def start(
+    command: Command, inputs: Path, disk: Path, log: Path, *, unprivileged: bool = False, watch: Watch | None = None
+) -> int:
     """Begin a command in a session of its own; its process id. Its scratch files lie on the disk too, if it can be.
 
     `aa4d` is forked from this process, which saves it the imports: nothing may have made threads before.
@@ -158,6 +170,8 @@ def start(command: Command, inputs: Path, disk: Path, log: Path, *, unprivileged
     try:
         os.setsid()
         os.environ.update(environment)
+        if watch is not None:
+            watch.close()  # this one's
         written = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
         os.dup2(written, 1)
         os.dup2(written, 2)
@@ -194,14 +208,24 @@ def _be_aa4d(arguments: list[str]) -> None:
     os._exit(code)
 
 
-def wait(process: int, log: Path, since: float, longest_s: float = LONGEST_S) -> Ended:
-    """Until it has ended, or was killed for taking too long; whatever it started has ended then too."""
+def wait(
+    process: int,
+    log: Path,
+    since: float,
+    longest_s: float = LONGEST_S,
+    meanwhile: Callable[[float], object] = time.sleep,
+) -> Ended:
+    """Until it has ended, or was killed for taking too long; whatever it started has ended then too.
+
+    Args:
+        meanwhile: takes at least so many seconds, over and over.
+    """
     while True:
         ended, status = os.waitpid(process, os.WNOHANG)
         seconds = time.monotonic() - since
         if ended or seconds > longest_s:
             break
-        time.sleep(0.01)
+        meanwhile(0.01)
     if not ended:
         kill_session(process)
         os.waitpid(process, 0)
@@ -212,6 +236,23 @@ def wait(process: int, log: Path, since: float, longest_s: float = LONGEST_S) ->
 def run(command: Command, inputs: Path, disk: Path, log: Path, *, unprivileged: bool = False) -> Ended:
     since = time.monotonic()
     return wait(start(command, inputs, disk, log, unprivileged=unprivileged), log, since)
+
+
+def run_watched(
+    command: Command, inputs: Path, disk: Path, log: Path, opening: Callable[..., None], written: Callable[..., None]
+) -> Ended:
+    """The same, with `Watch.hear` telling of the files of the disk meanwhile. Raises NoWatch."""
+    watch, since = Watch(disk), time.monotonic()
+
+    def hear(seconds: float) -> None:
+        watch.hear(seconds, opening, written)
+
+    try:
+        ended = wait(start(command, inputs, disk, log, watch=watch), log, since, meanwhile=hear)
+        hear(0.0)
+    finally:
+        watch.close()
+    return ended
 
 
 def kill_session(leader: int) -> None:

@@ -74,6 +74,15 @@ class SmallDisk:
         pages = max(-(-size // PAGE), 1)  # none would mean any number
         _mount("tmpfs", str(self.folder), "tmpfs", REMOUNT, f"size={pages * PAGE},nr_inodes={files}")
 
+    def hold_more(self, size: int) -> None:
+        """Let it hold `size` bytes, whole pages, beside what is there."""
+        for attempt in range(100):
+            try:
+                return self.hold(self.used() + size)
+            except NoDisk:  # somebody has written more in this moment
+                if attempt == 99:
+                    raise
+
     def protect(self, *, read_only: bool) -> None:
         _mount("tmpfs", str(self.folder), "tmpfs", REMOUNT | (READ_ONLY if read_only else 0), "")
 

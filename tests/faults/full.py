@@ -1,7 +1,9 @@
 """`python -m tests.faults.full`: each command on a disk that is full at each of its writes, and where it may not write.
 
-Every file that a command makes is a place at which the disk is full: of bytes in the middle of it and at its end, and
-of files at its creation. Then the command says so in one sentence with exit code 2, leaves no file half-written and
+Every kind of file that a command writes, by whatever library or program, is cut short once: at its last page there is
+no room left. Files that only a number or a random part of their names tells apart are one kind, of which the first is
+cut. (That needs root; without, sizes of the disk are spread over what the command writes.) And there may be too few
+files left to create one. Then the command says so in one sentence with exit code 2, leaves no file half-written and
 what was there before as it was; once there is room, the same command comes to the same result as without the fault.
 """
 
@@ -13,15 +15,17 @@ import shutil
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from aa4d.files import write_json
 from tests.faults import commands
-from tests.faults.commands import Command, Ended, prepare, run, wrong_with
-from tests.faults.disk import MANY, ROOMY, NoDisk, SmallDisk, enter_own_mounts
+from tests.faults.commands import Command, Ended, prepare, run, run_watched, wrong_with
+from tests.faults.disk import MANY, PAGE, ROOMY, NoDisk, SmallDisk, enter_own_mounts
 from tests.faults.tree import contents, differences, unfinished
+from tests.faults.watch import NoWatch
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,7 @@ class Undisturbed:
     result: dict[str, Any]
     begins_with: tuple[int, int]  # bytes and files in use before it
     ends_with: tuple[int, int]
+    sizes: dict[str, int] | None  # bytes of the first file of each kind, in the order of creation; None: cannot be told
 
 
 class Bench:
@@ -46,6 +51,8 @@ class Bench:
         for entry in self.disk.folder.iterdir():
             shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
         prepare(self.command, self.inputs, self.disk.folder)
+        # A disk holds a page at least: this one, so that there may be room for none.
+        (self.disk.folder / "tmp" / "page").write_bytes(bytes(PAGE))
 
     def held(self) -> dict[str, Any]:
         found = contents(self.disk.folder)
@@ -57,9 +64,65 @@ class Bench:
     def undisturbed(self) -> Undisturbed:
         self.clear()
         begins, before = (self.disk.used(), self.disk.files()), self.held()
-        ended = self.run()
+        kinds: dict[int, str] = {}
+        sizes: dict[str, int] = {}
+
+        def opening(kind: str, file: os.stat_result) -> None:
+            if not file.st_size and kind not in sizes:
+                kinds[file.st_ino], sizes[kind] = kind, 0
+
+        def written(_kind: str, file: os.stat_result) -> None:
+            if file.st_ino in kinds:
+                sizes[kinds[file.st_ino]] = file.st_size
+
+        is_heard = True
+        try:
+            ended = run_watched(self.command, self.inputs, self.disk.folder, self.log, opening, written)
+        except NoWatch as reason:
+            print(f"    {self.command.name}: {reason}; sizes of the disk are tried instead")
+            ended, is_heard = self.run(), False
         assert ended.code == 0, ended.said[-2000:]
-        return Undisturbed(before, self.held(), begins, (self.disk.used(), self.disk.files()))
+        ends = self.disk.used(), self.disk.files()
+        return Undisturbed(before, self.held(), begins, ends, sizes if is_heard else None)
+
+    def cut(self, whole: Undisturbed) -> Iterator[tuple[str, list[str]]]:
+        """What is wrong where each kind of file is cut short, in one try after the other.
+
+        Each goes on with what the last left, until the command succeeds all the same.
+        """
+        self.clear()
+        is_fresh = True
+        for kind, size in (whole.sizes or {}).items():
+            if not size:
+                continue
+            ended, is_cut = self.cut_once(kind, size)
+            if not is_cut and not is_fresh:
+                self.clear()  # what was left needed no such file
+                ended, is_cut = self.cut_once(kind, size)
+            is_fresh = wrong_with(ended, refused=False) is None
+            if not is_fresh:
+                yield kind, self._left(ended, whole)
+                continue
+            print(f"    {self.command.name}, {kind}: {'does without it' if is_cut else 'not written'}", flush=True)
+            if lost := differences(self.held(), whole.result):
+                yield kind, [f"success, but not all is there: {', '.join(lost[:5])}"]
+            self.clear()
+
+    def cut_once(self, kind: str, size: int) -> tuple[Ended, bool]:
+        """Run on a disk that is full at the last page of the first file of that kind; whether there was one."""
+        is_cut = False
+
+        def opening(opened: str, file: os.stat_result) -> None:
+            nonlocal is_cut
+            if opened == kind and not file.st_size and not is_cut:
+                is_cut = True
+                self.disk.hold_more((size - 1) // PAGE * PAGE)
+
+        try:
+            ended = run_watched(self.command, self.inputs, self.disk.folder, self.log, opening, lambda *_: None)
+        finally:
+            self.disk.hold()
+        return ended, is_cut
 
     def faults(self, whole: Undisturbed, size: int, files: int) -> list[str]:
         """What is wrong where the disk holds so many bytes and files."""
@@ -72,19 +135,25 @@ class Bench:
         return self._after(ended, whole)
 
     def _after(self, ended: Ended, whole: Undisturbed) -> list[str]:
-        found = [wrong_with(ended, refused=True)]
+        found = self._left(ended, whole)
+        self.disk.hold()
+        return found + self.healed(whole)
+
+    def _left(self, ended: Ended, whole: Undisturbed) -> list[str]:
+        found = [what for what in [wrong_with(ended, refused=True)] if what]
         if left := [name for name in unfinished(self.disk.folder) if not name.startswith("tmp/")]:
             found.append(f"half-written: {', '.join(left[:5])}")
         now = self.held()
         if lost := [name for name, value in whole.before.items() if now.get(name) not in (value, whole.result[name])]:
             found.append(f"lost of what was there before: {', '.join(lost[:5])}")
-        self.disk.hold()
+        return found
+
+    def healed(self, whole: Undisturbed) -> list[str]:
         again = self.run()
         if wrong := wrong_with(again, refused=False):
-            found.append(f"does not heal: {wrong}")
-        elif different := differences(self.held(), whole.result):
-            found.append(f"heals to something else: {', '.join(different[:5])}")
-        return [what for what in found if what]
+            return [f"does not heal: {wrong}"]
+        different = differences(self.held(), whole.result)
+        return [f"heals to something else: {', '.join(different[:5])}"] if different else []
 
     def read_only(self, whole: Undisturbed) -> list[str]:
         """What is wrong where the file system is read-only."""
@@ -109,16 +178,19 @@ class Bench:
 
 
 def places(whole: Undisturbed, most: int) -> list[tuple[int, int]]:
-    """Sizes of the disk, in bytes and in files, at which to try: spread over what the command adds, ends included."""
+    """Sizes of the disk, in files, at which to try: spread over what the command adds, ends included.
+
+    In bytes too, where its files cannot be cut one by one.
+    """
     (begin, first), (end, last) = whole.begins_with, whole.ends_with
 
     def spread(low: int, high: int, count: int) -> list[int]:
         count = min(count, high - low)
         return sorted({low + round(i * (high - low - 1) / max(count - 1, 1)) for i in range(count)})
 
-    pages = spread(max(begin // 4096, 1), -(-end // 4096), most)
+    pages = spread(max(begin // PAGE, 1), -(-end // PAGE), most) if whole.sizes is None else []
     files = spread(first, last, most)
-    return [(page * 4096, MANY) for page in pages] + [(ROOMY, count) for count in files]
+    return [(page * PAGE, MANY) for page in pages] + [(ROOMY, count) for count in files]
 
 
 def main() -> None:
@@ -154,23 +226,27 @@ def main() -> None:
 
 def try_command(bench: Bench, most: int) -> dict[str, Any]:
     """Prints; returns a row of docs/hard-cases.md."""
-    name, begin, count = bench.command.name, time.monotonic(), 0
+    name, begin = bench.command.name, time.monotonic()
     whole = bench.undisturbed()
-    tried = places(whole, most)
-    attempts: list[tuple[str, Any]] = [
-        ("read-only", lambda: bench.read_only(whole)),
-        ("forbidden", lambda: bench.forbidden(whole)),
-    ]
-    attempts += [
-        (f"{size >> 10} KiB" if files == MANY else f"{files} files", lambda s=size, f=files: bench.faults(whole, s, f))
-        for size, files in tried
-    ]
-    for label, attempt in attempts:
-        for what in attempt():
-            count += 1
-            print(f"    {name}, {label}: {what}", flush=True)
-    print(f"{name:18} {len(attempts):3} faults tried, {count} wrong, {time.monotonic() - begin:.0f} s", flush=True)
-    return {"command": name, "tried": len(attempts), "wrong": count}
+    attempts = {"read-only": bench.read_only, "forbidden": bench.forbidden}
+    tried = {label: show(name, label, attempt(whole)) for label, attempt in attempts.items()}
+    for size, files in places(whole, most):
+        label = f"{size >> 10} KiB" if files == MANY else f"{files} files"
+        tried[label] = show(name, label, bench.faults(whole, size, files))
+    cut = {kind: show(name, kind, found) for kind, found in bench.cut(whole)}
+    healed = show(name, "after the last", bench.healed(whole))
+    wrong, seconds = sum(map(len, [*tried.values(), *cut.values(), healed])), time.monotonic() - begin
+    count = len(tried) + len(cut)
+    print(
+        f"{name:18} {count:3} faults tried, {wrong} wrong, {len(cut)} kinds of files cut, {seconds:.0f} s", flush=True
+    )
+    return {"command": name, "tried": len(tried), "cut": len(cut), "wrong": wrong}
+
+
+def show(command: str, label: str, found: list[str]) -> list[str]:
+    for what in found:
+        print(f"    {command}, {label}: {what}", flush=True)
+    return found
 
 
 def in_own_process(work: Any) -> None:

@@ -19,8 +19,10 @@ from safetensors.numpy import load_file
 DAMAGED = "damaged"
 # Of files that say how long something took or when it was made.
 TIMES = re.compile(
-    r"(setup|load|picture|truth|clip)_s$|seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes"
+    r"(setup|load|picture|truth|clip)_s$|seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes|^frames/s$"
 )
+# Of the record of a task: when its files were made, and digests, which times are in.
+RECORD = frozenset({"files", "sum", "made_from"})
 # Their content is not compared: what is in them stands in other files too, beside times and paths.
 NOT_COMPARED = re.compile(
     r"(^|/)(\.|stopped\.json|cost\.json|tensorboard/|.*\.(html|db|blend|svg|md|png\.json)$)|(^|/)(pareto|compare).*\.png$"
@@ -34,8 +36,9 @@ def unfinished(root: Path) -> list[str]:
         if not path.is_file():
             continue
         name = path.relative_to(root).as_posix()
-        # A step of a capture works in a folder of this name until it is done.
-        if ".part" in path.name or (".part/" not in name and not is_whole(path)):
+        # A step of a capture and a task work in a folder of this name until they are done; a task keeps its seconds.
+        is_of_task = path.name.endswith(".part.json") and path.with_suffix("").is_dir()
+        if (".part" in path.name and not is_of_task) or (".part/" not in name and not is_whole(path)):
             found.append(name)
     return found
 
@@ -105,5 +108,7 @@ def _parsed(text: str) -> Any:
 
 def _without_times(value: Any) -> Any:
     if isinstance(value, dict):
+        if value.keys() >= RECORD:
+            value = {key: entry for key, entry in value.items() if key not in RECORD}
         return {key: _without_times(entry) for key, entry in value.items() if not TIMES.search(key)}
     return [_without_times(entry) for entry in value] if isinstance(value, list) else value

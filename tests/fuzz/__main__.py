@@ -14,6 +14,7 @@ import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from aa4d.files import write_json
 from tests.fuzz.attack import Defect, attack
 from tests.fuzz.readers import READERS, Reader
 
@@ -28,9 +29,10 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=1800, help="seconds for all of them together")
     parser.add_argument("--reader", choices=[r.name for r in READERS], help="this one alone")
     parser.add_argument("--seed", type=int, default=0, help="of the first file")
+    parser.add_argument("--json", type=Path, help="file for the table")
     given = parser.parse_args()
     chosen = [r for r in READERS if given.reader in (None, r.name)]
-    found = 0
+    rows = []
     for reader in chosen:
         begin = time.monotonic()
         end, seed, last = begin + given.budget / len(chosen), given.seed, given.seed + given.count
@@ -42,11 +44,15 @@ def main() -> None:
                 kinds.setdefault(defect.what[:60], defect)
             seed = max(seed, batch.start + 1)
         seconds = time.monotonic() - begin
-        print(f"{reader.name:20} {seed - given.seed:6} files  {seconds:6.1f} s  {len(kinds)} kinds of defect")
+        print(
+            f"{reader.name:20} {seed - given.seed:6} files  {seconds:6.1f} s  {len(kinds)} kinds of defect", flush=True
+        )
         for defect in kinds.values():
             print(f"    seed {defect.seed}: {defect.what}", flush=True)
-        found += len(kinds)
-    sys.exit(1 if found else 0)
+        rows.append({"reader": reader.name, "files": seed - given.seed, "kinds": len(kinds)})
+        if given.json is not None:
+            write_json(given.json, {"rows": rows})
+    sys.exit(1 if any(row["kinds"] for row in rows) else 0)
 
 
 def run_apart(reader: Reader, seeds: range) -> tuple[list[Defect], int]:

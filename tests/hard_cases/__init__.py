@@ -14,6 +14,7 @@ PARTS = {
     "raster": "Projection and rasteriser",
     "plane_lookup": "Plane look-up and its penalty",
     "acfa": "ACFA",
+    "arithmetic": "Networks in bfloat16",
     "dlgd": "DLGD",
     "dacw": "DACW",
     "anchors": "Anchors and their decoding",

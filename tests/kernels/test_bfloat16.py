@@ -123,9 +123,8 @@ def test_every_instruction_set_agrees_and_no_number_of_threads_changes_a_bit(tmp
             continue
         assert run.returncode == 0, run.stderr
         results[simd] = torch.load(path, weights_only=True)
-    assert not results["portable"][0]
-    for in_hardware, values in results.values():
-        assert not in_hardware or _native.field.bfloat16_in_hardware()
+    for simd, (in_hardware, values) in results.items():
+        assert not in_hardware or simd == "avx512"  # whatever AA4D_SIMD was for this process
         for found, expected in zip(values, results["portable"][1], strict=True):
             assert (found - expected).abs().max() <= ROUNDOFF * expected.abs().max()
 

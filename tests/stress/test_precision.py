@@ -18,6 +18,10 @@ def test_every_subject_loses_digits_step_by_step() -> None:
             assert row.value_error is not None
             assert row.gradient_error is not None
             assert max(row.value_error, row.gradient_error) < 1e-4, subject.name
+        coarse = rows["bfloat16", "torch"]
+        assert coarse.value_error is not None
+        assert coarse.gradient_error is not None
+        assert max(coarse.value_error, coarse.gradient_error) < 0.3, subject.name
         if "bfloat16" in subject.kernels:
             rounded = rows["bfloat16", "kernel"]
             assert rounded.value_error is not None
