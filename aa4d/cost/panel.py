@@ -56,7 +56,7 @@ class Point:
 
     label: str
     processor_s: float  # of all threads
-    wall_s: float
+    wall_s: float | None  # None where it was not measured
     quality: float | None  # None where the choice came to nothing that can be compared
     is_default: bool = False
     series: str = ""  # points of one series are joined by a line

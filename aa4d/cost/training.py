@@ -44,10 +44,10 @@ def points(label: str, is_default: bool, result: dict[str, Any]) -> list[Point]:
 
 
 def measurements(
-    variants: Callable[[Setup], Mapping[str, RunSettings]], default: str, setup: Setup
+    title: str, variants: Callable[[Setup], Mapping[str, RunSettings]], default: str, setup: Setup
 ) -> tuple[Measurement, ...]:
     return tuple(
-        Measurement(scored(setup, label, settings), partial(points, label, label == default))
+        Measurement(scored(setup, f"{title}, {label}", settings), partial(points, label, label == default))
         for label, settings in variants(setup).items()
     )
 
@@ -63,5 +63,11 @@ def training_panel(
 ) -> Panel:
     """A panel whose points are the `variants`, settings by label, of which one is the `default`."""
     return Panel(
-        f"Training: {title}", varied, measured, "training", PSNR, partial(measurements, variants, default), missing
+        f"Training: {title}",
+        varied,
+        measured,
+        "training",
+        PSNR,
+        partial(measurements, title, variants, default),
+        missing,
     )
