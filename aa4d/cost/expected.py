@@ -14,13 +14,13 @@ RATES = {
     ("cost", "full"): 1.0,
     ("render", "quick"): 50.0,
     ("render", "full"): 95.0,
-    ("train", "quick"): 0.012,
+    ("train", "quick"): 0.014,
     ("train", "full"): 0.045,
     ("evaluate", "quick"): 4.0,
     ("evaluate", "full"): 11.0,
 }
 # Of a training, against adaanchor4d (docs/measured/methods.json).
-DEARER = {"d3dgs": 2.5, "morel": 2.5}
+DEARER = {"d3dgs": 4.2, "speede": 4.2, "fourdgs": 1.7, "modec": 1.6, "sdgs": 1.6, "morel": 0.8, "sfgs": 0.7}
 
 
 def costs(tasks: Sequence[Task], size: str, stores: Iterable[Store]) -> Costs:

@@ -33,6 +33,12 @@ def instruction_set() -> str:
     return str(_native.field.instruction_set())
 
 
+def torch_threads() -> int:
+    import torch
+
+    return torch.get_num_threads()
+
+
 def load_average() -> float | None:
     """Over the last minute; None where the system does not say."""
     return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None

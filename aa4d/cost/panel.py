@@ -84,3 +84,4 @@ class Panel:
     quality: Quality | None  # None: what is varied has no common measure, and only the time is shown
     measurements: Callable[[Setup], tuple[Measurement, ...]]
     missing: Callable[[Setup], str | None] = nothing_missing  # what it lacks here, in words; None: nothing
+    across: str | None = None  # the column of `Point.more` that quality costs here; None: seconds of the processor

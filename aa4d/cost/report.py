@@ -12,11 +12,13 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aa4d.cost.panel import Panel
-from aa4d.cost.rows import Row
+from aa4d.cost.panel import Panel, Quality
+from aa4d.cost.rows import BETTER, Row, cost_of, span
 from aa4d.files import write_text
 
-LOG_SPAN = 20  # greatest over least time, from which on a logarithm is easier to read
+LOG_SPAN = 20  # greatest over least cost, from which on a logarithm is easier to read
+MOST_NAMED = 12  # points of a plot that are all named; of more, those that nothing beats
+DEFAULT, OTHER = "#d9772b", "#4c78a8"
 
 
 def write_page(path: Path, report: dict[str, Any], panels: Mapping[str, Panel]) -> None:
@@ -33,6 +35,7 @@ def write_page(path: Path, report: dict[str, Any], panels: Mapping[str, Panel]) 
             "name": name,
             "panel": panel,
             "rows": rows[name],
+            "clock": any(row["wall_s"] is not None for row in rows[name]),
             "more": list(dict.fromkeys(key for row in rows[name] for key in row["more"])),
             "plot": picture(figure(panel, rows[name])) if rows[name] else None,
             "failed": report["failed"].get(name, []),
@@ -42,62 +45,57 @@ def write_page(path: Path, report: dict[str, Any], panels: Mapping[str, Panel]) 
     ]
     left_out = [(panels[name].title, reason) for name, reason in report["left_out"].items()]
     html = environment.get_template("report.html.jinja").render(
-        report=report, panels=shown, left_out=left_out, number=number, span=span
+        report=report, panels=shown, left_out=left_out, number=number, span=span, parts=parts
     )
     write_text(path, html)
 
 
 def figure(panel: Panel, rows: list[Row]) -> Figure:
-    """Quality over processor seconds: the default is a star, and the line of dots joins what nothing beats in both."""
+    """Quality over its cost: the default is a star, and the dotted line joins what nothing beats in both."""
     made = Figure(figsize=(6.4, 3.6), layout="constrained")
     axes = made.add_subplot()
+    per = panel.across or f"processor, {{}} a {panel.per}"
+    times = [cost_of(panel, row["processor_s"], row["more"]) for row in rows]
+    factor, unit = (1e3, "ms") if panel.across is None and max(times) < 1 else (1.0, "s")
+    costs = {row["label"]: factor * cost for row, cost in zip(rows, times, strict=True)}
     if panel.quality is None:
-        _bars(axes, rows)
+        _bars(axes, rows, costs)
     else:
-        _scatter(axes, panel, rows)
+        _scatter(axes, panel.quality, [row for row in rows if row["quality"] is not None], costs)
+    axes.set_xlabel(per.format(unit))
     axes.spines[["top", "right"]].set_visible(False)
     return made
 
 
-def _bars(axes: Axes, rows: list[Row]) -> None:
-    rows = rows[::-1]
-    colors = ["#d9772b" if row["default"] else "#4c78a8" for row in rows]
-    axes.barh([row["point"] for row in rows], [row["processor_s"] for row in rows], color=colors)
+def _bars(axes: Axes, rows: list[Row], costs: dict[str, float]) -> None:
+    labels = [row["label"] for row in reversed(rows)]
+    colors = [DEFAULT if row["default"] else OTHER for row in reversed(rows)]
+    axes.barh(labels, [costs[label] for label in labels], color=colors)
     axes.tick_params(axis="y", labelsize=7)
-    axes.set_xlabel(f"processor seconds a {rows[0]['per']}; the default is orange")
 
 
-def _scatter(axes: Axes, panel: Panel, rows: list[Row]) -> None:
-    assert panel.quality is not None
-    rows = [row for row in rows if row["quality"] is not None]
+def _scatter(axes: Axes, quality: Quality, rows: list[Row], costs: dict[str, float]) -> None:
+    def plot(some: list[Row], style: str, **looks: Any) -> None:
+        axes.plot([costs[row["label"]] for row in some], [row["quality"] for row in some], style, **looks)
+
     for series in dict.fromkeys(row["series"] for row in rows):
         own = [row for row in rows if row["series"] == series]
-        style = "o-" if series else "o"
-        axes.plot(_x(own), _y(own), style, markersize=5, linewidth=1, alpha=0.8, label=series or None)
-    best = sorted((row for row in rows if row["on_front"]), key=lambda row: row["processor_s"])
-    axes.plot(_x(best), _y(best), ":", color="0.4", linewidth=1.2, label="nothing is cheaper and better")
-    usual = [row for row in rows if row["default"]]
-    axes.plot(_x(usual), _y(usual), "*", markersize=15, color="#d9772b", zorder=3, label="default")
-    for row in rows:
-        place = (row["processor_s"], row["quality"])
+        plot(own, "o-" if series else "o", markersize=5, linewidth=1, alpha=0.8, label=series or None)
+    best = sorted((row for row in rows if row["on_front"]), key=lambda row: costs[row["label"]])
+    if len(best) > 1:
+        plot(best, ":", color="0.4", linewidth=1.2, label="none is cheaper and better")
+    plot([row for row in rows if row["default"]], "*", markersize=15, color=DEFAULT, zorder=3, label="default")
+    for row in rows if len(rows) <= MOST_NAMED else best:
+        place = (costs[row["label"]], row["quality"])
         axes.annotate(row["point"], place, textcoords="offset points", xytext=(5, 5), fontsize=7)
-    seconds = [s for s in _x(rows) if s > 0]
-    if seconds and max(seconds) > LOG_SPAN * min(seconds):
+    shown = [costs[row["label"]] for row in rows]
+    if min(shown) > 0 and max(shown) > LOG_SPAN * min(shown):
         axes.set_xscale("log")
-    if panel.quality.is_log and all(value > 0 for value in _y(rows)):
+    if quality.is_log and all(row["quality"] > 0 for row in rows):
         axes.set_yscale("log")
     axes.margins(0.12)
-    better = {1: "higher is better", -1: "lower is better"}[panel.quality.better]
-    axes.set(xlabel=f"processor seconds a {panel.per}", ylabel=f"{panel.quality.label}\n({better})")
+    axes.set_ylabel(f"{quality.label}\n({BETTER[quality.better]} is better)")
     axes.legend(fontsize=7, frameon=False)
-
-
-def _x(rows: list[Row]) -> list[float]:
-    return [row["processor_s"] for row in rows]
-
-
-def _y(rows: list[Row]) -> list[float]:
-    return [row["quality"] for row in rows]
 
 
 def picture(made: Figure) -> str:
@@ -107,6 +105,11 @@ def picture(made: Figure) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
+def parts(text: str) -> list[str]:
+    """A text cut at its backticks: every second part is code."""
+    return text.split("`")
+
+
 def number(value: Any) -> str:
     """To four digits; a text as it is."""
     if value is None:
@@ -114,10 +117,3 @@ def number(value: Any) -> str:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
     return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
-
-
-def span(seconds: float) -> str:
-    """A time with its unit, to three digits."""
-    units = (("h", 3600.0), ("min", 60.0), ("s", 1.0))
-    unit, size = next(((u, size) for u, size in units if seconds >= size), ("ms", 1e-3))
-    return f"{seconds / size:.3g} {unit}"

@@ -12,8 +12,7 @@ import pytest
 from aa4d import cli
 from aa4d.cost import PANELS, panel_of
 from aa4d.cost.panel import SIZES, Setup
-from aa4d.cost.report import span
-from aa4d.cost.rows import rows_of
+from aa4d.cost.rows import rows_of, span
 from aa4d.files import claimed
 from tests.cost import hyperbola
 

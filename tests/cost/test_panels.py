@@ -55,7 +55,7 @@ def test_smaller_frames_are_means_and_keep_cameras_movers_and_splits(toy: Setup,
     large, small = read_image(whole, whole.frames[3]), read_image(half, half.frames[3])
     means = large.reshape(small.shape[0], 2, small.shape[1], 2, 3).mean(axis=(1, 3))
     assert np.abs(small - means).max() <= 0.51
-    shares = [np.mean(moving_mask(capture, 3)) for capture in (whole, half)]  # type: ignore[arg-type]
+    shares = [np.mean(moving_mask(capture, 3)) for capture in (whole, half)]
     assert shares[1] == pytest.approx(shares[0], rel=0.3)
     assert shares[0] > 0
 
