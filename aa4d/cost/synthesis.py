@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from aa4d.blender import run_in_blender, script
@@ -13,6 +14,7 @@ from aa4d.graph.call import Call
 from aa4d.graph.task import Task
 from aa4d.scene_files import scene_digest
 
+STEP = re.compile(r"measurement (\d+)/(\d+)")
 REFERENCE_SAMPLES = {"quick": 256, "full": 1024}
 SECONDS = {"quick": 90.0, "full": 600.0}
 
@@ -23,6 +25,8 @@ def measure(call: Call) -> dict[str, Any]:
 
     def hear(line: str) -> None:
         nonlocal last
+        if (step := STEP.match(line)) is not None:
+            call.advance(int(step[1]), int(step[2]))
         last = line or last
 
     reference = str(settings.given["reference"])

@@ -10,11 +10,14 @@ from pathlib import Path
 import pytest
 
 from aa4d import cli
-from aa4d.cost import PANELS, panel_of
+from aa4d.cost import PANELS, expected, panel_of
 from aa4d.cost.panel import SIZES, Setup
 from aa4d.cost.rows import rows_of, span
 from aa4d.files import claimed
+from aa4d.graph.task import in_order
 from tests.cost import hyperbola
+
+BUILT_IN = tuple(PANELS)
 
 
 @pytest.fixture(autouse=True)
@@ -125,14 +128,30 @@ def test_a_folder_in_use_or_of_something_else_is_refused(
     assert str(tmp_path / "out") in capsys.readouterr().err
 
 
-def test_without_blender_what_needs_it_is_left_out_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_blender_what_needs_it_is_left_out_with_the_way_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("aa4d.cost.inputs.blender_is_here", lambda: False)
-    reason = panel_of("training-iterations").missing(Setup(SIZES["quick"]))
-    assert reason is not None
-    assert "Blender is not here" in reason
-    assert "--capture" in reason
+    asked = ("--panels", "synthesis-traffic", "training-iterations")
+    assert command(monkeypatch, "--out", tmp_path / "out", *asked) == 2
+    assert "Blender is not here: put `blender` on PATH" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert command(monkeypatch, "--out", tmp_path / "out", *asked, "hyperbola") == 0
+    left_out = json.loads((tmp_path / "out/cost.json").read_text())["left_out"]
+    assert list(left_out) == ["synthesis-traffic", "training-iterations"]
+    assert "--capture" in left_out["training-iterations"]
     assert panel_of("training-iterations").missing(Setup(SIZES["quick"], Path("a-capture"))) is None
-    assert panel_of("raster-precision").missing(Setup(SIZES["quick"])) is None
+
+
+def test_quick_is_expected_to_take_at_most_fifteen_minutes_and_full_hours() -> None:
+    seconds = {}
+    for name, size in SIZES.items():
+        measurements = [m for panel in BUILT_IN for m in panel_of(panel).measurements(Setup(size))]
+        tasks = in_order(m.task for m in measurements)
+        costs = expected.costs(tasks, name, [])
+        seconds[name] = sum(costs.seconds(task) or 0 for task in tasks)
+    assert 300 < seconds["quick"] <= 900
+    assert seconds["full"] > 3600
 
 
 def test_every_panel_is_whole() -> None:
