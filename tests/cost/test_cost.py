@@ -15,6 +15,7 @@ from aa4d.cost.panel import SIZES, Setup
 from aa4d.cost.rows import rows_of, span
 from aa4d.files import claimed
 from aa4d.graph.task import in_order
+from tests.browser import launched, watched
 from tests.cost import hyperbola
 
 BUILT_IN = tuple(PANELS)
@@ -165,3 +166,20 @@ def test_every_panel_is_whole() -> None:
 @pytest.mark.parametrize(("seconds", "text"), [(7200, "2 h"), (90, "1.5 min"), (2.5, "2.5 s"), (0.0125, "12.5 ms")])
 def test_times_are_written_with_a_fitting_unit(seconds: float, text: str) -> None:
     assert span(seconds) == text
+
+
+def test_the_page_opens_in_a_browser_with_its_plots_and_asks_for_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert command(monkeypatch, "--out", tmp_path / "out", "--panels", "hyperbola") == 0
+    with launched() as browser, watched(browser, 1000, 800) as seen:
+        seen.page.goto((tmp_path / "out/cost.html").as_uri())
+        plots = seen.page.locator("img.plot")
+        assert plots.count() == 1
+        assert plots.evaluate("image => image.complete && image.naturalWidth") > 300
+        assert seen.page.locator("tr.default td").first.inner_text() == "1 s (default)"
+        assert seen.page.locator("tr.default td").first.evaluate("cell => getComputedStyle(cell).fontWeight") == "600"
+        seen.page.locator("a", has_text="Hyperbola").click()
+        assert seen.page.url.endswith("#hyperbola")
+        assert not seen.errors
+        assert not seen.requests
