@@ -24,7 +24,8 @@ def cost(
         arg(help="Only these; by default all."),
     ] = None,
     capture: Annotated[
-        Path | None, arg(help="Capture to train on and to reconstruct, instead of one that is rendered.")
+        Path | None,
+        arg(metavar="PATH", help="Capture to train on and to reconstruct, instead of one that is rendered."),
     ] = None,
     plan: Annotated[
         FlagCreatePairsOff[bool], arg(help="Show what would be measured and how long it would take, and do nothing.")

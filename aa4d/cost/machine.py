@@ -8,11 +8,14 @@ from pathlib import Path
 
 
 def machine() -> dict[str, str | int]:
-    """What does not change while a report is measured."""
+    """What must not change while a report is measured."""
+    import torch
+
     return {
         "processor": processor_name(),
         "threads": os.cpu_count() or 1,
         "usable_threads": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        "torch_threads": torch.get_num_threads(),
         "system": platform.system(),
     }
 
@@ -31,12 +34,6 @@ def instruction_set() -> str:
     from aa4d import _native
 
     return str(_native.field.instruction_set())
-
-
-def torch_threads() -> int:
-    import torch
-
-    return torch.get_num_threads()
 
 
 def load_average() -> float | None:

@@ -15,7 +15,7 @@ from aa4d import __version__
 from aa4d.capture.reader import read_capture
 from aa4d.console import console, graph_listener
 from aa4d.cost import PANELS, expected, panel_of
-from aa4d.cost.machine import instruction_set, load_average, machine, torch_threads
+from aa4d.cost.machine import instruction_set, load_average, machine
 from aa4d.cost.panel import Measurement, Panel, Setup
 from aa4d.cost.report import write_page
 from aa4d.cost.rows import Row, points_of, rows_of
@@ -128,7 +128,7 @@ def _write(setup: Setup, chosen: Chosen, outcome: Outcome, session: dict[str, An
         "version": __version__,
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
         "capture": None if setup.capture is None else setup.capture.name,
-        "machine": machine() | {"instruction_set": instruction_set(), "torch_threads": torch_threads()},
+        "machine": machine() | {"instruction_set": instruction_set()},
         "load": _loads(results) | {key: session[key] for key in ("load_before", "load_after")},
         "seconds": session["seconds"],  # of this session alone, where several were needed
         "left_out": chosen.left_out,

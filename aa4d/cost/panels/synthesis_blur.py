@@ -33,7 +33,7 @@ PANEL = Panel(
     title="Synthesis: motion blur",
     varied="Straight pieces that the motion during an exposure is made of, a power of two "
     "(`effects.motion_blur.steps`); by default 2.",
-    measured="A frame of 64 samples at an exposure of half a frame, against 32 pieces; noise of the samples bounds it.",
+    measured="A frame of 64 samples at an exposure of half a frame, against 32 pieces by the same seed.",
     per="frame",
     quality=Quality("PSNR against the reference", "dB", 1),
     measurements=measurements,
