@@ -125,6 +125,7 @@ def _write(setup: Setup, chosen: Chosen, outcome: Outcome, session: dict[str, An
     }
     report = {
         "size": setup.size.name,
+        "schedule": setup.size.schedule,
         "version": __version__,
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
         "capture": None if setup.capture is None else setup.capture.name,

@@ -14,7 +14,7 @@ DEFAULT = 1  # of synth/effects/motion_blur.py
 def points(result: dict[str, Any]) -> list[Point]:
     return [
         Point(
-            f"{2 ** row['steps']} pieces",
+            f"{2 ** row['steps']}",
             row["processor_s"],
             row["seconds"],
             row["psnr_db"],

@@ -29,5 +29,5 @@ PANEL = training_panel(
     f"Iterations of the coarse and the fine stage; by default those of the preset {PRESET}.",
     variants,
     label(PRESETS[PRESET]),
-    measured=MEASURED.replace(" with the schedule of this size", ""),
+    measured=MEASURED.replace(", with as many iterations as the top of the page says", ""),
 )
