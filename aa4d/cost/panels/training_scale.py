@@ -70,8 +70,8 @@ def measurements(setup: Setup) -> tuple[Measurement, ...]:
 PANEL = Panel(
     title="Training: image scale",
     varied="The size of the training frames, in times that of the capture; by default they are as they are.",
-    measured="The paper's model by the preset `quick`, with as many iterations as the top of the page says; PSNR is that "
-    "of held-out frames in their whole size.",
+    measured="The paper's model by the preset `quick`, with as many iterations as the top of the page says; PSNR is "
+    "that of held-out frames in their whole size.",
     per="training",
     quality=PSNR,
     measurements=measurements,
