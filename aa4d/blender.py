@@ -25,6 +25,11 @@ def script(relative: str) -> Path:
     return path
 
 
+def blender_is_here() -> bool:
+    """Whether `run_in_blender` would find one."""
+    return importlib.util.find_spec("bpy") is not None or shutil.which("blender") is not None
+
+
 def run_in_blender(relative: str, *arguments: str, hear: Callable[[str], None] | None = None) -> int:
     """Run a script with the bpy module where it is installed, else in the Blender on PATH; returns its exit code.
 

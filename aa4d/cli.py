@@ -15,6 +15,7 @@ from aa4d.commands import bench, synth
 from aa4d.commands.ablate import ablate
 from aa4d.commands.capture import capture
 from aa4d.commands.compare import compare
+from aa4d.commands.cost import cost
 from aa4d.commands.demo import demo
 from aa4d.commands.evaluate import evaluate
 from aa4d.commands.experiment import experiment
@@ -53,6 +54,7 @@ COMMANDS: dict[str, Command] = {
     "ablate": ablate,
     "sweep": sweep,
     "experiment": experiment,
+    "cost": cost,
     "bench": bench.COMMANDS,
     "stress": stress,
 }

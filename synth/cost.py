@@ -45,6 +45,16 @@ def psnr(image: np.ndarray, reference: np.ndarray) -> float:
     return float(10 * np.log10(255**2 / error)) if error > 0 else 99.0
 
 
+def clocks() -> np.ndarray:
+    """Seconds of the clock and of the processor, all threads; differences mean something."""
+    return np.array([time.perf_counter(), time.process_time()])
+
+
+def spent(seconds: np.ndarray) -> Row:
+    """Both clocks as entries of a row."""
+    return {"seconds": float(seconds[0]), "processor_s": float(seconds[1])}
+
+
 class Studio:
     """A scene built in Blender, with a stopwatch; `home` is where the files that it names are looked up."""
 
@@ -62,8 +72,8 @@ class Studio:
         middle = self.plan.frames[len(self.plan.frames) // 2]
         return middle if seed is None else replace(middle, seed=seed)
 
-    def picture(self, seed: int | None = None) -> tuple[np.ndarray, float]:
-        """The 8-bit frame and its seconds, loading of the geometry left out."""
+    def picture(self, seed: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """The 8-bit frame and its seconds by both clocks, loading of the geometry left out."""
         from synth.blender.passes import linear_rgb
         from synth.develop import srgb_from_linear
 
@@ -73,9 +83,9 @@ class Studio:
             from synth.blender.motion import animate
 
             animate(self.plan, frame, self.filming.stage, self.filming.extras)
-        start = time.perf_counter()
+        start = clocks()
         linear = linear_rgb(self.filming.renderer.render_picture(frame.seed))
-        return srgb_from_linear(linear), time.perf_counter() - start
+        return srgb_from_linear(linear), clocks() - start
 
 
 def with_render(scene: Scene, samples: int, denoise: bool) -> Scene:
@@ -86,7 +96,7 @@ def render_rows(scene: Scene, home: Path, reference_samples: int, scratch: Path,
     """Samples and denoising against a picture of many samples."""
     reference, seconds = Studio(with_render(scene, reference_samples, False), home, scratch).picture()
     step()
-    rows: list[Row] = [{"samples": reference_samples, "denoise": False, "seconds": seconds, "reference": True}]
+    rows: list[Row] = [{"samples": reference_samples, "denoise": False, **spent(seconds), "reference": True}]
     for denoise in (False, True):
         for samples in SAMPLES:
             studio = Studio(with_render(scene, samples, denoise), home, scratch)
@@ -94,7 +104,7 @@ def render_rows(scene: Scene, home: Path, reference_samples: int, scratch: Path,
             taken = [studio.picture(seed) for seed in range(1, SEEDS + 1)]
             images = np.stack([image for image, _ in taken]).astype(np.float64)
             rows.append({
-                "samples": samples, "denoise": denoise, "seconds": min(s for _, s in taken),
+                "samples": samples, "denoise": denoise, **spent(np.min([s for _, s in taken], axis=0)),
                 "psnr_db": float(np.mean([psnr(image, reference) for image in images])),
                 "flicker": float(images.std(axis=0, ddof=1).mean()),
             })  # fmt: skip
@@ -106,7 +116,7 @@ def blur_rows(scene: Scene, home: Path, scratch: Path, step: Callable[[], None])
     """Straight pieces of motion against many, at the scene's exposure or half a frame."""
     exposure = scene.effects.get("motion_blur", {}).get("exposure_s", 0.5 / scene.time.fps)
 
-    def shoot(pieces: int) -> tuple[np.ndarray, float]:
+    def shoot(pieces: int) -> tuple[np.ndarray, np.ndarray]:
         table = {"motion_blur": {"exposure_s": exposure, "steps": pieces}}
         studio = Studio(replace(with_render(scene, 64, False), effects=table), home, scratch)
         studio.picture()
@@ -117,7 +127,7 @@ def blur_rows(scene: Scene, home: Path, scratch: Path, step: Callable[[], None])
     rows = []
     for pieces in BLUR_STEPS:
         image, seconds = shoot(pieces)
-        rows.append({"steps": pieces, "exposure_s": exposure, "seconds": seconds, "psnr_db": psnr(image, reference)})
+        rows.append({"steps": pieces, "exposure_s": exposure, **spent(seconds), "psnr_db": psnr(image, reference)})
     return rows
 
 
@@ -126,10 +136,10 @@ def traffic_rows(scene: Scene, home: Path, step: Callable[[], None]) -> list[Row
     duration = max((scene.time.frames - 1) / scene.time.fps, 1.0)
     times = np.linspace(0, duration, 51)
 
-    def positions(step_s: float) -> tuple[np.ndarray, float]:
-        start = time.perf_counter()
+    def positions(step_s: float) -> tuple[np.ndarray, np.ndarray]:
+        start = clocks()
         fleet = make_fleet(replace(scene, traffic=replace(scene.traffic, step_s=step_s)), duration, home)
-        seconds = time.perf_counter() - start
+        seconds = clocks() - start
         return np.stack([fleet.object_to_world(float(t))[:, :2, 3] for t in times]), seconds
 
     reference, _ = positions(TRAFFIC_REFERENCE_S)
@@ -143,7 +153,7 @@ def traffic_rows(scene: Scene, home: Path, step: Callable[[], None]) -> list[Row
         else:
             off = np.linalg.norm(found - reference, axis=-1)
             worst, mean = (float(off.max()), float(off.mean())) if off.size else (0.0, 0.0)
-            rows.append({"step_s": step_s, "seconds": seconds, "worst_m": worst, "mean_m": mean})
+            rows.append({"step_s": step_s, **spent(seconds), "worst_m": worst, "mean_m": mean})
         step()
     return rows
 
@@ -158,9 +168,10 @@ def effect_rows(scene: Scene, home: Path, scratch: Path, step: Callable[[], None
         seconds = {"build": studio.costs.stages["build"]}
         for name, film in (("truth", studio.filming.film_truth), ("picture", studio.filming.film_picture)):
             for _ in range(2):  # the first loads the geometry
-                start = time.perf_counter()
+                start = clocks()
                 film(frame)
-                seconds[name] = min(seconds.get(name, np.inf), time.perf_counter() - start)
+                for key, taken in zip((name, f"{name}_processor_s"), clocks() - start, strict=True):
+                    seconds[key] = min(seconds.get(key, np.inf), float(taken))
         step()
         return seconds, studio
 

@@ -89,13 +89,14 @@ def measure(call: Call) -> dict[str, Any]:
         "cpu_s": clock.seconds,
         "total_cpu_s": sum(clock.seconds.values()),
     }
-    return row | ({} if making.truth is None else _error(made, read_capture(making.source)))
+    return row | ({} if making.truth is None else camera_error(made, read_capture(making.source)))
 
 
 KIND = Kind(measure, version=__version__)
 
 
-def _error(made: CaptureSummary, truth: Capture) -> dict[str, float]:
+def camera_error(made: CaptureSummary, truth: Capture) -> dict[str, float]:
+    """Of a capture that was made of the frames of another, whose cameras are true."""
     found = read_capture(made.folder)
     rank_of = {Path(frame.image).name: rank for rank, frame in enumerate(truth.frames)}
     labels = _labels(made.folder)

@@ -20,6 +20,7 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import Positional, arg
 
+from aa4d.cost.machine import processor_name
 from aa4d.errors import InputError
 from aa4d.experiments.measured import markdown, read_measured, shown_keys
 from aa4d.experiments.outputs import rows_of
@@ -95,12 +96,7 @@ def nested(row: dict[str, Any]) -> dict[str, Any]:
 
 def _machine() -> str:
     """Threads and processor."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return f"{os.cpu_count()} threads of {next(names, 'a processor without a name')}"
+    return f"{os.cpu_count()} threads of {processor_name()}"
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ KINDS: dict[str, str] = {
     "pose-noise": "aa4d.experiments.pose_noise",
     "track-recall": "aa4d.experiments.track_recall",
     "capture-accuracy": "aa4d.experiments.capture_accuracy",
+    "cost": "aa4d.cost.kind",
 }
 
 
