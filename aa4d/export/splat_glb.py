@@ -24,7 +24,7 @@ from aa4d.export.usd_points import linear
 from aa4d.files import whole_file
 
 EXTENSION = "KHR_gaussian_splatting"
-FLOAT32, POINTS = 5126, 0  # of glTF's enumerations
+FLOAT32, POINTS, VERTICES = 5126, 0, 34962  # of glTF's enumerations
 SHAPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
 
@@ -51,7 +51,7 @@ def glb_of(gaussians: WorldGaussians, extras: dict[str, Any]) -> bytes:
     views: list[dict[str, int]] = []
     start = 0
     for name, payload in payloads.items():
-        views.append({"buffer": 0, "byteOffset": start, "byteLength": payload.nbytes})
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": payload.nbytes, "target": VERTICES})
         shape = SHAPES[payload.shape[1]]
         accessors.append({"bufferView": len(views) - 1, "componentType": FLOAT32, "count": len(payload), "type": shape})
         if name == "POSITION":
