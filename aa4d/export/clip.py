@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from aa4d.errors import InputError
 from aa4d.export import harmonics
 from aa4d.filming.camera_path import CameraPath, path_of_frames
 from aa4d.identity import Identity
@@ -74,6 +75,17 @@ class Clip:
     def gaussians(self, index: int) -> WorldGaussians:
         gaussians = drawn(self.every_gaussian(index))
         return gaussians if self.axes == "world" else turned(gaussians, VIEWER)
+
+    def some_gaussians(self, index: int) -> WorldGaussians:
+        """`gaussians`, for formats whose files are never empty.
+
+        Raises:
+            InputError: there are none.
+        """
+        gaussians = self.gaussians(index)
+        if not len(gaussians.ids):
+            raise InputError(f"{self.loaded.path}: nothing is drawn in the view {self.name(index)}; take --format ply")
+        return gaussians
 
     def every_gaussian(self, index: int) -> WorldGaussians:
         """All Gaussians of the model in a view, too faint to draw or not, in the world's axes; a row is its id."""

@@ -39,7 +39,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
             if clip.identity is not None:
                 extras["aa4d"] = clip.identity.as_json()
             with whole_file(path) as temporary:
-                temporary.write_bytes(glb_of(turned(clip.gaussians(index), Y_UP), extras))
+                temporary.write_bytes(glb_of(turned(clip.some_gaussians(index), Y_UP), extras))
         progress(index + 1, len(clip))
 
 

@@ -27,7 +27,7 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
         path = out / f"{clip.name(index)}.sog"
         if not path.exists():
             with whole_file(path) as temporary:
-                temporary.write_bytes(written(clip.gaussians(index), "sog"))
+                temporary.write_bytes(written(clip.some_gaussians(index), "sog"))
                 with ZipFile(temporary, "a") as archive:
                     archive.writestr(ABOUT, json.dumps(about))
         progress(index + 1, len(clip))

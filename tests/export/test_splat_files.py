@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from plyfile import PlyData
 from scipy.spatial import KDTree
 
+from aa4d.errors import InputError
 from aa4d.export import export
 from aa4d.export.clip import Y_UP, Clip, WorldGaussians, mean_eye, turned
 from aa4d.export.harmonics import SH_CONSTANT
@@ -159,6 +160,31 @@ def compare(
     assert (found.harmonics is None) == (g.harmonics is None)
     if found.harmonics is not None and g.harmonics is not None:
         assert np.abs(found.harmonics[row] - g.harmonics).max() < 0.1
+
+
+def test_what_spz_cannot_hold_is_refused(instant: Clip) -> None:
+    """The library would write a place modulo 4096 m, and a size cut off."""
+    splat_spz = pytest.importorskip("aa4d.export.splat_spz", reason="pip install aa4d[export]")
+    g = instant.gaussians(0)
+    splat_spz.check_it_fits(g)
+    far, large = g.means.copy(), g.scales.copy()
+    far[3, 1], large[3, 1] = -2100, 400
+    with pytest.raises(InputError, match="a place of at most 2,047 m, and one is 2,100 m"):
+        splat_spz.check_it_fits(replace(g, means=far))
+    with pytest.raises(InputError, match="a size of at most 379 m, and one is 400 m"):
+        splat_spz.check_it_fits(replace(g, scales=large))
+
+
+@pytest.mark.parametrize("name", ["glb", "spz", "sog"])
+def test_a_view_that_shows_nothing_is_refused(
+    instant: Clip, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if name != "glb":
+        pytest.importorskip("gaussforge", reason="pip install aa4d[export]")
+    monkeypatch.setattr("aa4d.export.clip.FAINTEST", 2.0)
+    with pytest.raises(InputError, match="nothing is drawn in the view"):
+        export(instant, name, tmp_path / "out", silent)
+    assert not list((tmp_path / "out").glob(f"*.{name}"))
 
 
 @pytest.mark.parametrize("name", ["spz", "sog"])
