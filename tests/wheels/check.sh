@@ -18,8 +18,8 @@ for tool in gcc g++ cc c++ clang cmake ninja blender; do
 done
 install="$alone python -m pip install --quiet --disable-pip-version-check --only-binary :all:"
 if [ "${3-}" = native ]; then
-  $install --no-deps "$wheel"
   $install numpy
+  $install --no-deps "$wheel"
   cp "$here/draw.py" "$clean"
   $alone python draw.py
   echo "$(basename "$wheel"): installs without a compiler and draws; without torch nothing else was tried"
