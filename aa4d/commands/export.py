@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
@@ -41,10 +41,17 @@ def export(
             "view's own camera. `mean`: the mean of all cameras, which does not flicker. Or the name of a frame."
         ),
     ] = "frame",
+    harmonics: Annotated[
+        Literal[0, 1, 2, 3],
+        arg(
+            help="Degree of the spherical harmonics that say how colors change with the side they are seen from, "
+            "fitted over the training cameras. 0: they do not. Opacity and shape stay those of --seen-from."
+        ),
+    ] = 0,
     axes: Annotated[
         str,
         name_in("aa4d.export", "AXES", "--axes"),
-        arg(help="world: z up. viewer: y down, which splat viewers show upright. Of ply and points."),
+        arg(help="world: z up. viewer: y down, which splat viewers show upright. Of ply, sog and points."),
     ] = "world",
 ) -> None:
     """Write a model for other programs, in world metres. Continues where it stopped; docs/export.md has the details."""
@@ -67,8 +74,10 @@ def export(
     folder = out or run / "export" / f"{format}-{name}{'' if eye is None else f'-from-{seen_from}'}"
     if out is None and axes != "world":
         folder = folder.with_name(f"{folder.name}-{axes}")
+    if out is None and harmonics:
+        folder = folder.with_name(f"{folder.name}-harmonics{harmonics}")
     with step_progress("views") as progress:
-        said = run_export(Clip(loaded, flown, eye, axes), format, folder, progress)
+        said = run_export(Clip(loaded, flown, eye, axes, degree=harmonics), format, folder, progress)
     console.print(f"{EXPORTERS[format].description}: {folder}", highlight=False, soft_wrap=True)
     if said is not None:
         console.print(said, highlight=False, soft_wrap=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aa4d.errors import InputError
-from aa4d.export.clip import FAINTEST, Array, Clip, every_gaussian
+from aa4d.export.clip import FAINTEST, Array, Clip
 
 SMALLEST_SCALE_M = 1e-9  # a scale that underflowed is 0, whose logarithm is infinite
 
@@ -30,11 +30,12 @@ def decoded(clip: Clip) -> Iterator[dict[str, NDArray[np.float32]]]:
     """Every attribute [N, D] of all Gaussians, key by key; successive rotations lie in one hemisphere.
 
     "position" in metres, "rotation" w x y z, "log_scale" of metres, "opacity" (0 where it is too faint to be drawn),
-    "color" in sRGB.
+    "color" in sRGB. Of a clip with harmonics also "harmonics" [N, (degree + 1)^2 * 3], the constant one first, channels
+    innermost.
     """
     before: Array | None = None
     for index in range(len(clip)):
-        g = every_gaussian(clip.loaded, clip.path.views[index].t, clip.eye_at(index))
+        g = clip.every_gaussian(index)
         rotation = g.quaternions
         if before is not None:
             rotation = np.where((rotation * before).sum(axis=1, keepdims=True) < 0, -rotation, rotation)
@@ -47,6 +48,8 @@ def decoded(clip: Clip) -> Iterator[dict[str, NDArray[np.float32]]]:
             "opacity": opacity[:, None],
             "color": g.colors,
         }
+        if g.harmonics is not None:
+            values["harmonics"] = g.coefficients().reshape(len(rotation), -1)
         yield {name: value.astype(np.float32) for name, value in values.items()}
 
 

@@ -1,8 +1,8 @@
 """OpenUSD's own Gaussian splats (ParticleField3DGaussianSplat, of 26.03 and later), moving.
 
 All Gaussians that are drawn at any view are there at every one, with opacity 0 where they are not drawn: their number
-does not change, so readers interpolate between the samples. Colors are the constant term of spherical harmonics, in
-sRGB, as in the PLY of the original 3D Gaussian splatting.
+does not change, so readers interpolate between the samples. Colors are spherical harmonics in sRGB, as in the PLY of
+the original 3D Gaussian splatting; those of one Gaussian lie together.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from pxr import UsdVol, Vt
 
 from aa4d.errors import InputError
 from aa4d.export.clip import Clip
+from aa4d.export.harmonics import SH_CONSTANT
 from aa4d.export.keys import decoded, drawn_ids
-from aa4d.export.splat_ply import SH_CONSTANT
 from aa4d.export.usd_stage import stage_of
 
 NAME = "splats.usdc"
@@ -37,10 +37,10 @@ def export(clip: Clip, out: Path, progress: Callable[[int, int], None]) -> None:
     ids = drawn_ids(clip, lambda done: progress(done, 2 * len(clip)))
     with stage_of(clip, path) as (stage, codes):
         splats = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/AdaAnchor4D/splats")
-        splats.CreateRadianceSphericalHarmonicsDegreeAttr(0)
+        splats.CreateRadianceSphericalHarmonicsDegreeAttr(clip.degree)
         for index, values in enumerate(decoded(clip)):
             v, code = {name: value[ids] for name, value in values.items()}, codes[index]
-            harmonics = (v["color"] - 0.5) / np.float32(SH_CONSTANT)
+            harmonics = v.get("harmonics", (v["color"] - 0.5) / np.float32(SH_CONSTANT)).reshape(-1, 3)
             corners = np.stack([v["position"].min(axis=0), v["position"].max(axis=0)])
             splats.CreatePositionsAttr().Set(Vt.Vec3fArray.FromNumpy(v["position"]), code)
             splats.CreateScalesAttr().Set(Vt.Vec3fArray.FromNumpy(np.exp(v["log_scale"])), code)

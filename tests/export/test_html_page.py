@@ -22,7 +22,7 @@ from aa4d.export.html_page import NAME, PLAYER, Attribute, packed_keys, page_of,
 from aa4d.filming.camera_path import path_of_frames, with_time
 from aa4d.filming.layers import draw
 from tests.browser import Watched, launched, watched
-from tests.export.test_export import riding
+from tests.export.scenes import riding
 from tests.toy_run import silent
 
 SCRIPT = "</title></script><script>window.stolen = 1</script>'\"><img src=x onerror=window.stolen=1>"

@@ -17,7 +17,7 @@ from aa4d.filming.camera_path import path_of_frames, with_time
 from addon.container import ModelFileError, read_header
 from addon.model import read_model
 from addon.track import read_track
-from tests.export.test_export import riding
+from tests.export.scenes import riding
 from tests.toy_run import silent
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from plyfile import PlyData
 
 from aa4d.export.clip import FAINTEST, WorldGaussians
-from aa4d.export.splat_ply import SH_CONSTANT, write_splat_ply
+from aa4d.export.harmonics import SH_CONSTANT
+from aa4d.export.splat_ply import write_splat_ply
 from aa4d.export.usd_points import linear
 from aa4d.stress.cases import Part
 from addon.splat_ply import srgb, write_ply

@@ -1,6 +1,6 @@
 #!/bin/sh
 # A wheel in a clean environment: no compiler, no Blender, nothing of this checkout; it installs and trains.
-# usage: check.sh PYTHON WHEEL
+# usage: check.sh PYTHON WHEEL [native]    native: where there is no torch for this Python, the C++ alone, on numpy arrays
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 wheel=$(cd "$(dirname "$2")" && pwd)/$(basename "$2")
@@ -16,7 +16,16 @@ alone="env -i HOME=$HOME PATH=$clean/venv/bin OMP_NUM_THREADS=1 $(env | grep '^P
 for tool in gcc g++ cc c++ clang cmake ninja blender; do
   if $alone "$(command -v sh)" -c "command -v $tool" >/dev/null; then echo "check.sh: $tool is in reach"; exit 1; fi
 done
-$alone python -m pip install --quiet --disable-pip-version-check --only-binary :all: "$torch" "$wheel"
+install="$alone python -m pip install --quiet --disable-pip-version-check --only-binary :all:"
+if [ "${3-}" = native ]; then
+  $install numpy
+  $install --no-deps "$wheel"
+  cp "$here/draw.py" "$clean"
+  $alone python draw.py
+  echo "$(basename "$wheel"): installs without a compiler and draws; without torch nothing else was tried"
+  exit 0
+fi
+$install "$torch" "$wheel"
 $alone python -c "
 import importlib.util
 from pathlib import Path
