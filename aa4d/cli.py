@@ -21,6 +21,7 @@ from aa4d.commands.experiment import experiment
 from aa4d.commands.export import export
 from aa4d.commands.inspect import inspect
 from aa4d.commands.render import render
+from aa4d.commands.report import report
 from aa4d.commands.stress import stress
 from aa4d.commands.sweep import sweep
 from aa4d.commands.train import train
@@ -53,6 +54,7 @@ COMMANDS: dict[str, Command] = {
     "ablate": ablate,
     "sweep": sweep,
     "experiment": experiment,
+    "report": report,
     "bench": bench.COMMANDS,
     "stress": stress,
 }
