@@ -29,5 +29,4 @@ def report(
     written = write_report(folder, out, captures=captures, megabytes=megabytes)
     for note in written.notes:
         console.print(note, highlight=False, soft_wrap=True)
-    state = ", as it was" if written.was_there else ""
-    console.print(f"report: {written.path} ({written.megabytes:.2f} MB{state})", highlight=False, soft_wrap=True)
+    console.print(f"report: {written.path} ({written.megabytes:.2f} MB)", highlight=False, soft_wrap=True)

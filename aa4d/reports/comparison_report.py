@@ -35,8 +35,8 @@ def comparison_page(folder: Path, captures: Captures) -> Page:
         if here:
             tables.append(_table(comparison, here, capture))
     note = (
-        "The best of a column is bold, the second best underlined; ± is the standard deviation over seeds. A click on a "
-        "heading sorts."
+        "The best of a column is bold, the second best underlined; ± is the standard deviation over seeds. A click on "
+        "a heading sorts."
     )
     shown = [*_failed(comparison), Section("Scores", tables, note), _pareto(comparison, pooled or means)]
 
@@ -77,8 +77,8 @@ def _lead(comparison: Comparison) -> str:
     methods = len({str(row["variant"]) for row in comparison.rows})
     return (
         f"{methods} methods, {len(comparison.captures)} captures, {len(comparison.rows)} runs; "
-        f"{c.get('coarse_iterations')} + {c.get('fine_iterations')} iterations of preset {c.get('preset')}. Equal for all "
-        "are frames and their split, camera poses, the points that they start from, the rasteriser and the scoring."
+        f"{c.get('coarse_iterations')} + {c.get('fine_iterations')} iterations of preset {c.get('preset')}. Equal for "
+        "all are frames and their split, camera poses, the points that they start from, the rasteriser and the scoring."
     )
 
 
@@ -116,8 +116,8 @@ def _pareto(comparison: Comparison, means: Sequence[Mean]) -> Section:
     plots = [_panel(comparison, means, quality, cost) for quality in UP for cost in ACROSS]
     where = means[0].capture if means else ""
     note = (
-        f"Of {where}. Bars are standard deviations over seeds, the gray line joins what nothing beats in both, the star is "
-        "what `aa4d train` does where nothing is said."
+        f"Of {where}. Bars are standard deviations over seeds, the gray line joins what nothing beats in both, the "
+        "star is what aa4d train does where nothing is said."
     )
     return Section("Quality against cost", [plot for plot in plots if plot is not None], note)
 

@@ -45,7 +45,8 @@ def fitted(
 ) -> str:
     size = 0.0
     for detail in DETAILS:
-        sections = [Section("", [Text(note, "warning") for note in notes]), *page.sections(detail)]
+        sections = page.sections(detail)
+        sections.insert(0, Section("", [Text(note, "warning") for note in notes]))  # known by now
         if is_beside:
             sections.append(Section("Files beside this page", page.links))
         reduced = "" if detail is DETAILS[0] else _reduced(detail, megabytes)
@@ -59,6 +60,6 @@ def fitted(
 def _reduced(detail: Detail, megabytes: float) -> str:
     frames = "one frame" if detail.views == 1 else f"{detail.views} frames"
     return (
-        f"To stay below {megabytes:g} MB, pictures are {detail.longest_px} pixels wide at most, sliders show {frames} of "
-        f"a capture at most, loops are {detail.loop_px} pixels wide."
+        f"To stay below {megabytes:g} MB, pictures are {detail.longest_px} pixels wide at most, sliders show {frames} "
+        f"of a capture at most, loops are {detail.loop_px} pixels wide."
     )

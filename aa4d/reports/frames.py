@@ -31,7 +31,7 @@ Window = tuple[int, int, int, int]  # left, top, right, bottom, pixels
 TRUTH = "truth"
 SMALLEST_PX = 20  # of what moves
 SEARCHED = 16  # frames at most, in which the worst is looked for
-WORST = 4  # vehicles that are shown
+WORST = 3  # vehicles that are shown
 AROUND, LEAST_SHARE, ASPECT = 1.7, 0.1, 4 / 3  # of a cut-out: to its vehicle's longer side, of the frame's width
 CUT_PX = 240
 SECONDS = (0.2, 1.0)  # of a moment in a loop, least and most
@@ -132,9 +132,9 @@ def _slider(held: Sequence[Held], names: tuple[str, ...], runs: Sequence[Drawn],
         views = [View(view.name, view.pictures[:-1], view.note) for view in views]
     if not views or len(names) < 2:
         return None
-    # Of several runs the last two, which are ours in a comparison; else the truth and the run.
-    left, right = (0, 1) if len(runs) < 2 or names[0] == TRUTH else (len(names) - 2, len(names) - 1)
-    return Slider(names, tuple(views), left, len(names) - 1 if len(runs) > 1 else right)
+    # Of several runs the last two, which in a comparison are the paper's model and the default.
+    left = 0 if len(runs) == 1 else len(names) - 2
+    return Slider(names, tuple(views), left, left + 1)
 
 
 def _note(name: str, runs: Sequence[Drawn]) -> str:

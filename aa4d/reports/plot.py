@@ -69,7 +69,11 @@ def _colors(series: Sequence[Series]) -> list[str]:
     """The color of each; a faint one takes none of the others'."""
     found, place = [], 0
     for one in series:
-        found.append("currentColor" if one.faint else COLORS[(place if one.color is None else one.color) % len(COLORS)])
+        found.append(
+            "currentColor"
+            if one.faint or one.star
+            else COLORS[(place if one.color is None else one.color) % len(COLORS)]
+        )
         place += not one.faint
     return found
 

@@ -28,11 +28,15 @@ class Written:
     path: Path
     megabytes: float
     notes: tuple[str, ...]
-    was_there: bool = False  # made from the same before, and left as it is
 
 
 def write_report(
-    folder: Path, out: Path | None = None, *, captures: Sequence[Path] = (), megabytes: float = MEGABYTES
+    folder: Path,
+    out: Path | None = None,
+    *,
+    captures: Sequence[Path] = (),
+    megabytes: float = MEGABYTES,
+    keep: bool = False,
 ) -> Written:
     """Write the page of a run, of an experiment (ablation, sweep) or of a comparison.
 
@@ -40,6 +44,7 @@ def write_report(
         out: the file; None: report.html in the folder.
         captures: folders, where captures are not where their runs were trained.
         megabytes: of the file, at most; pictures are made smaller and fewer until it fits.
+        keep: leave a page as it is that was made from the same.
 
     Raises:
         InputError: the folder is none of these or has nothing to show yet, a file in it is damaged, or the page cannot
@@ -51,14 +56,23 @@ def write_report(
     found = Captures(captures)
     page = page_of(folder, found)
     identity = Identity("report", digest_of({"version": __version__, "megabytes": megabytes}), page.made_from)
-    if out is None and _is_of(path, identity):
-        return Written(path, path.stat().st_size / 1e6, tuple(found.notes), was_there=True)
+    if keep and _is_of(path, identity):
+        return Written(path, path.stat().st_size / 1e6, ())
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name the file with --out, for instance {path / NAME}")
     html = fitted(page, found.notes, identity, megabytes, is_beside=path.resolve().parent == folder.resolve(), out=path)
     make_folder(path.parent)
     write_text(path, html)
     return Written(path, len(html.encode("utf-8")) / 1e6, tuple(found.notes))
+
+
+def closing_line(folder: Path) -> str:
+    """Write the report of an experiment that has just ended, and say so; where it cannot be, the experiment stands."""
+    try:
+        written = write_report(folder, keep=True)
+    except InputError as error:
+        return f"report: not written: {error}"
+    return f"report: {written.path} ({written.megabytes:.1f} MB)"
 
 
 def page_of(folder: Path, captures: Captures) -> Page:

@@ -99,6 +99,9 @@ def pictured(
 ) -> list[Section]:
     """For each capture its held-out frames by every variant, of the first seed."""
     sections = []
+    lacking = [label for (_, label, _), run in runs.items() if run.missing()]
+    if lacking:
+        captures.tell(f"{len(lacking)} runs lack pictures of held-out frames, first one of {titles[lacking[0]]}.")
     for name in dict.fromkeys(key[0] for key in runs):
         seed = min(key[2] for key in runs if key[0] == name)
         drawn = [Drawn(titles[label], runs[name, label, seed]) for label in titles if (name, label, seed) in runs]

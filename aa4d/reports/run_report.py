@@ -32,6 +32,9 @@ def run_page(folder: Path, captures: Captures) -> Page:
     first = [Section("Scores", [_scores(run)]), *_plots(run)]
     last = [_every_frame(run), _settings(run, description), _identity(run, made_from)]
 
+    if note := run.missing():
+        captures.tell(note)
+
     def sections(detail: Detail) -> list[Section]:
         frames = frame_sections("Held-out frames", capture, [Drawn("render", run)], detail)
         return [*first[:1], *frames, *first[1:], *_motion(run, detail), *last]

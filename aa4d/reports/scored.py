@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image
+from safetensors import safe_open
 
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import InputError
@@ -48,13 +52,18 @@ class ScoredRun:
     def drawn(self, frame: str, ending: str = "") -> Pixels | None:
         """What evaluation drew of a frame; None where it is not there. Raises InputError for a damaged picture."""
         path = self.folder / DRAWN / f"{frame}{ending}.png"
-        if not path.is_file():
-            return None
         try:
-            with Image.open(path) as image:
-                return np.asarray(image.convert("RGB"))
+            return _pixels(path) if path.is_file() else None
         except (OSError, SyntaxError, ValueError) as error:
             raise InputError(f"{path}: cannot be read as a picture ({error}); {_again(self.trained)}") from None
+
+    def missing(self) -> str | None:
+        """A sentence where held-out frames have no picture."""
+        count = sum(not (self.folder / DRAWN / f"{frame['frame']}.png").is_file() for frame in self.frames)
+        if not count:
+            return None
+        name = self.folder.resolve().name
+        return f"{count} of {len(self.frames)} held-out frames of {name} have no picture; aa4d eval draws them again."
 
     def description(self) -> dict[str, Any]:
         """`config.json` of the training; empty where it is not there or damaged."""
@@ -65,6 +74,13 @@ class ScoredRun:
 
     def history(self) -> list[HistoryRow] | None:
         return read_history(self.trained / "history.csv")
+
+
+@lru_cache(maxsize=48)
+def _pixels(path: Path) -> Pixels:
+    """Of a picture that a page shows in several places."""
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
 
 
 def scored_run(folder: Path, trained: Path | None = None) -> ScoredRun:
@@ -115,7 +131,7 @@ class Captures:
     """The captures of runs: where a run says that it was trained, or among folders that were named."""
 
     named: Sequence[Path] = ()
-    notes: list[str] = field(default_factory=list)  # on what was not found, each once
+    notes: list[str] = field(default_factory=list)  # on what a page has to do without, each once
     _found: dict[str, Capture | None] = field(default_factory=dict)
 
     def of(self, run: ScoredRun) -> Capture | None:
@@ -125,26 +141,38 @@ class Captures:
             InputError: a named folder is no capture, or the capture is damaged.
         """
         description = run.description()
-        wanted, place = _wanted(run, description), description.get("capture")
-        key = wanted or str(place)
+        wanted, places = _wanted(run, description), _places(run, description)
+        key = wanted or str(places)
         if key not in self._found:
-            self._found[key] = self._look(wanted, place)
+            self._found[key] = self._look(wanted, places)
         return self._found[key]
 
-    def _look(self, wanted: str | None, place: Any) -> Capture | None:
-        there = [Path(place)] if isinstance(place, str) and (Path(place) / "capture.json").is_file() else []
+    def _look(self, wanted: str | None, places: list[Path]) -> Capture | None:
+        there = [folder for folder in places if (folder / "capture.json").is_file()]
         for folder in (*self.named, *there):
             capture = read_capture(folder, to_train=False)
             if wanted in (capture.identity.digest(), capture.fingerprint):
                 return capture
-        name = Path(place).name if isinstance(place, str) else "a run"
+        name = places[-1].name if places else "of a run"
         why = "is not what it was" if there else "is not where it was"
-        self._tell(f"The capture {name} {why}: its true frames are left out (--captures says where it lies).")
+        self.tell(f"The capture {name} {why}: its true frames are left out (--captures says where it lies).")
         return None
 
-    def _tell(self, note: str) -> None:
+    def tell(self, note: str) -> None:
         if note not in self.notes:
             self.notes.append(note)
+
+
+def _places(run: ScoredRun, description: dict[str, Any]) -> list[Path]:
+    """Where a run's capture may lie: as seen from its model file, and where it lay when the training began."""
+    places = []
+    with suppress(Exception):  # a damaged model file is nothing that a page needs
+        model = run.trained / "model.safetensors"
+        with safe_open(str(model), "numpy") as file:
+            places.append((model.parent / json.loads(file.metadata()["aa4d"])["capture"]).resolve())
+    if isinstance(description.get("capture"), str):
+        places.append(Path(description["capture"]))
+    return places
 
 
 def _wanted(run: ScoredRun, description: dict[str, Any]) -> str | None:
