@@ -11,6 +11,7 @@ from aa4d.experiments.comparison import TRACKED
 from aa4d.experiments.comparison_tables import POOLED, Comparison, Failure, Mean, Score, table_of
 from aa4d.experiments.pareto import ACROSS, LABELS, SPAN_DB, UP, front
 from aa4d.files import read_json_object
+from aa4d.methods import DEFAULT
 from aa4d.reports.fitting import Page, links_to
 from aa4d.reports.page import Cell, Column, Part, Section, Table, Text
 from aa4d.reports.pictures import Detail
@@ -41,7 +42,7 @@ def comparison_page(folder: Path, captures: Captures) -> Page:
     shown = [*_failed(comparison), Section("Scores", tables, note), _pareto(comparison, pooled or means)]
 
     def sections(detail: Detail) -> list[Section]:
-        pictures = pictured(runs, titles, captures, detail)
+        pictures = pictured(runs, titles, captures, detail, DEFAULT)
         return [*shown, *pictures, histories(runs, titles), every_run(comparison.rows), _conditions(comparison)]
 
     return Page(

@@ -38,15 +38,17 @@ def experiment_page(folder: Path, captures: Captures) -> Page:
     rows = rows_from(tables / "rows.csv")
     experiment, settings = _experiment(folder, index, rows)
     runs, titles = runs_of(folder, rows), {variant.label: variant.label for variant in experiment.variants}
-    seeds = len({row["seed"] for row in rows})
-    lead = (
-        f"{len(rows)} runs: {len(titles)} variants, {len({row['capture'] for row in rows})} captures, {seeds} seeds. "
-        "± is the standard deviation over seeds."
+    counts = (
+        (len(rows), "run"),
+        (len(titles), "variant"),
+        *((len({r[k] for r in rows}), k) for k in ("capture", "seed")),
     )
+    counted = ", ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in counts)
+    lead = f"{counted}. ± is the standard deviation over seeds."
     tabulated = [*_failed(tables), _means(experiment, rows), _differences(experiment, rows), _plots(experiment, rows)]
 
     def sections(detail: Detail) -> list[Section]:
-        shown = pictured(runs, titles, captures, detail)
+        shown = pictured(runs, titles, captures, detail, experiment.variants[0].label)
         return [*tabulated, *shown, histories(runs, titles), every_run(rows), settings]
 
     links = [f"{'tables/' if tables != folder else ''}{name}" if name != FILE else name for name in LINKED]

@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from aa4d.capture.reader import Capture, read_image
 from aa4d.capture.truth import instance_ids_of, moving_mask
@@ -56,8 +55,14 @@ class Held:
     pictures: tuple[Pixels | None, ...]  # truth first
 
 
-def frame_sections(heading: str, capture: Capture | None, runs: Sequence[Drawn], detail: Detail) -> list[Section]:
+def frame_sections(
+    heading: str, capture: Capture | None, runs: Sequence[Drawn], detail: Detail, against: str | None = None
+) -> list[Section]:
     """Sections on the held-out frames of a capture.
+
+    Args:
+        against: title of the run that the last one is slid over; None: the first picture, which is the truth where its
+            capture is there.
 
     Raises:
         InputError: a picture or the truth is damaged, or is of another size.
@@ -68,7 +73,7 @@ def frame_sections(heading: str, capture: Capture | None, runs: Sequence[Drawn],
     held = [frame for frame in held if any(p is not None for p in frame.pictures[1:])]
     parts: list[Part] = []
     names = _names(capture, runs)
-    slider = _slider(held, names, runs, detail)
+    slider = _slider(held, names, runs, detail, against)
     if slider is not None:
         parts.append(slider)
     loop = _loop(capture, runs, detail)
@@ -116,7 +121,9 @@ def _held(capture: Capture | None, runs: Sequence[Drawn], name: str, t: float) -
     return Held(name, t, index, (truth, *drawn))
 
 
-def _slider(held: Sequence[Held], names: tuple[str, ...], runs: Sequence[Drawn], detail: Detail) -> Slider | None:
+def _slider(
+    held: Sequence[Held], names: tuple[str, ...], runs: Sequence[Drawn], detail: Detail, against: str | None
+) -> Slider | None:
     views = []
     for frame in held:
         pictures = list(frame.pictures if TRUTH in names[:1] else frame.pictures[1:])
@@ -132,9 +139,8 @@ def _slider(held: Sequence[Held], names: tuple[str, ...], runs: Sequence[Drawn],
         views = [View(view.name, view.pictures[:-1], view.note) for view in views]
     if not views or len(names) < 2:
         return None
-    # Of several runs the last two, which in a comparison are the paper's model and the default.
-    left = 0 if len(runs) == 1 else len(names) - 2
-    return Slider(names, tuple(views), left, left + 1)
+    left = names.index(against) if against in names[:-1] else 0
+    return Slider(names, tuple(views), left, 1 if len(runs) == 1 else len(names) - 1)
 
 
 def _note(name: str, runs: Sequence[Drawn]) -> str:
@@ -216,7 +222,7 @@ def _patches(capture: Capture, index: int, moving: NDArray[np.bool_], held: Held
     if not there:
         return []
     ids = instance_ids_of(capture, index)
-    labels = ndimage.label(moving)[0] if ids is None else np.where(moving, ids, 0)
+    labels = _connected(moving) if ids is None else np.where(moving, ids, 0)
     patches = []
     for label in np.unique(labels[labels > 0]).tolist():
         inside = labels == label
@@ -233,6 +239,14 @@ def _patches(capture: Capture, index: int, moving: NDArray[np.bool_], held: Held
         error = sum(m for m in means if m is not None) / len(there)
         patches.append(Patch(held.name, name, _window(box, truth.shape[1], truth.shape[0]), pixels, psnr, error))
     return patches
+
+
+def _connected(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """A number from 1 on for each connected patch, 0 elsewhere."""
+    from scipy import ndimage
+
+    labels: NDArray[np.int32] = ndimage.label(mask)[0]
+    return labels
 
 
 def _window(box: Window, width: int, height: int) -> Window:

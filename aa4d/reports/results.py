@@ -95,9 +95,13 @@ def digest_of_runs(runs: dict[tuple[str, str, int], ScoredRun], rows: Sequence[R
 
 
 def pictured(
-    runs: dict[tuple[str, str, int], ScoredRun], titles: dict[str, str], captures: Captures, detail: Detail
+    runs: dict[tuple[str, str, int], ScoredRun],
+    titles: dict[str, str],
+    captures: Captures,
+    detail: Detail,
+    against: str,
 ) -> list[Section]:
-    """For each capture its held-out frames by every variant, of the first seed."""
+    """For each capture its held-out frames by every variant, of the first seed, the last one over `against`."""
     sections = []
     lacking = [label for (_, label, _), run in runs.items() if run.missing()]
     if lacking:
@@ -107,7 +111,7 @@ def pictured(
         drawn = [Drawn(titles[label], runs[name, label, seed]) for label in titles if (name, label, seed) in runs]
         drawn = drawn[:MOST_VARIANTS]
         capture = captures.of(drawn[0].run)
-        sections += frame_sections(f"{name}: held-out frames, seed {seed}", capture, drawn, detail)
+        sections += frame_sections(f"{name}: held-out frames, seed {seed}", capture, drawn, detail, titles.get(against))
     return sections
 
 

@@ -231,7 +231,7 @@ def test_colors_follow_the_system(seen: Watched) -> None:
     page = seen.page
     brightness = {}
     for scheme in ("light", "dark"):
-        page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
+        page.emulate_media(color_scheme=scheme)
         shot = np.array(Image.open(io.BytesIO(page.screenshot())).convert("L"))
         brightness[scheme] = np.median(shot)
     assert brightness["light"] > 240

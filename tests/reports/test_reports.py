@@ -52,7 +52,7 @@ def rows_in(folder: Path, scored: Path, variants: tuple[str, ...], seeds: tuple[
             out = folder / "capture" / variant.replace(" ", "-") / f"seed{seed}"
             shutil.copytree(scored, out)
             metrics = json.loads((out / "metrics.json").read_text())
-            row = {"capture": "capture", "variant": variant, "seed": seed} | numbers(metrics)
+            row: Row = {"capture": "capture", "variant": variant, "seed": seed, **numbers(metrics)}
             rows.append(row | {"psnr": 20.0 + number + seed / 10})
     return rows
 
