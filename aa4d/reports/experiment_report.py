@@ -10,7 +10,7 @@ from typing import Any
 from aa4d.errors import InputError
 from aa4d.experiments.comparison_tables import COST, QUALITY
 from aa4d.experiments.kinds.evaluate import Row
-from aa4d.experiments.tables import POOLED, columns_of, differences_of, lines_of, pooled_columns_of
+from aa4d.experiments.tables import POOLED, Spread, columns_of, differences_of, lines_of, pooled_columns_of
 from aa4d.experiments.tables import Column as Metric
 from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
 from aa4d.files import read_json_object
@@ -45,7 +45,9 @@ def experiment_page(folder: Path, captures: Captures) -> Page:
     )
     counted = ", ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in counts)
     lead = f"{counted}. ± is the standard deviation over seeds."
-    tabulated = [*_failed(tables), _means(experiment, rows), _differences(experiment, rows), _plots(experiment, rows)]
+    axis = _file(folder).get("axis")
+    plots = _over_knob(axis if isinstance(axis, dict) else {}, rows) or _plots(experiment, rows)
+    tabulated = [*_failed(tables), _means(experiment, rows), _differences(experiment, rows), plots]
 
     def sections(detail: Detail) -> list[Section]:
         shown = pictured(runs, titles, captures, detail, experiment.variants[0].label)
@@ -62,16 +64,12 @@ def _experiment(folder: Path, index: dict[str, Any], rows: Sequence[Row]) -> tup
     if (folder / FILE).is_file():
         text = (folder / FILE).read_text(encoding="utf-8", errors="replace")
         settings = Section("Settings", [Code(text, "the experiment file")], folded=True)
-        try:
-            title = str(tomllib.loads(text).get("title", name))
-        except tomllib.TOMLDecodeError:
-            title = name
-        return Experiment(name, title or folder.resolve().name, tuple(map(Variant, labels))), settings
+        title = str(_file(folder).get("title", name or folder.resolve().name))
+        return Experiment(name, title, tuple(map(Variant, labels))), settings
     known = (ABLATIONS | SWEEPS).get(name)
     if known is not None:  # in its own order, whichever run ended first
-        labels = [v.label for v in known.variants if v.label in labels] + [
-            label for label in labels if label not in [v.label for v in known.variants]
-        ]
+        order = [variant.label for variant in known.variants]
+        labels.sort(key=lambda label: order.index(label) if label in order else len(order))
     training = index.get("training")
     if isinstance(training, dict):
         table = Table([Column("setting", is_number=False), Column("value", is_number=False)], flattened(training))
@@ -80,6 +78,14 @@ def _experiment(folder: Path, index: dict[str, Any], rows: Sequence[Row]) -> tup
         )
     title = known.title if known is not None else name or folder.resolve().name
     return Experiment(name, title, tuple(map(Variant, labels))), settings
+
+
+def _file(folder: Path) -> dict[str, Any]:
+    """The experiment file's content; empty where there is none that can be read."""
+    try:
+        return tomllib.loads((folder / FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
 
 
 def _failed(tables: Path) -> list[Section]:
@@ -139,13 +145,37 @@ def _differences(experiment: Experiment, rows: list[Row]) -> Section:
     return Section("Differences", parts, f"{POOLED[0].upper()}{POOLED[1:]}.")
 
 
+def _over_knob(axis: dict[str, Any], rows: list[Row]) -> Section | None:
+    """Scores against the position of a knob, where the experiment turns one: means over captures and seeds."""
+    turned = [row for row in rows if "at" in row]
+    if not turned:
+        return None
+    plots = []
+    for key, title in _titles(turned).items():
+        series = []
+        for variant in dict.fromkeys(str(row["variant"]) for row in turned):
+            here = [row for row in turned if row["variant"] == variant and key in row]
+            at = sorted({float(row["at"]) for row in here})
+            spreads = [Spread.of([float(row[key]) for row in here if float(row["at"]) == x]) for x in at]
+            points = [(x, spread.mean) for x, spread in zip(at, spreads, strict=True)]
+            series.append(Series(variant, points, line=True, errors=[(None, s.deviation) for s in spreads]))
+        label = str(axis.get("label", "position of the knob"))
+        plots.append(Plot(title, label, f"{title}, dB", series, log_x=axis.get("log") is True))
+    return Section("Scores against the knob", plots, "Means over scenes and seeds; bars are standard deviations.")
+
+
+def _titles(rows: list[Row]) -> dict[str, str]:
+    """Of the scores that are plotted, those that some row has."""
+    titles = {metric.key: metric.title for metric in columns_of(rows)}
+    return {key: titles[key] for key in PLOTTED if key in titles}
+
+
 def _plots(experiment: Experiment, rows: list[Row]) -> Section:
     """Every seed a dot, the captures beside each other."""
     labels = [variant.label for variant in experiment.variants]
     captures = list(dict.fromkeys(str(row["capture"]) for row in rows))
-    titles = {metric.key: metric.title for metric in columns_of(rows)}
     plots = []
-    for key in (key for key in PLOTTED if key in titles):
+    for key, title in _titles(rows).items():
         series = []
         for number, capture in enumerate(captures):
             shift = 0.5 * (number - (len(captures) - 1) / 2) / max(len(captures), 1)
@@ -153,5 +183,5 @@ def _plots(experiment: Experiment, rows: list[Row]) -> Section:
             points = [(labels.index(str(row["variant"])) + shift, float(row[key])) for row in here]
             notes = [f"{row['variant']}, seed {row['seed']}: {float(row[key]):.2f} dB" for row in here]
             series.append(Series(capture, points, notes=notes))
-        plots.append(Plot(titles[key], "", f"{titles[key]}, dB", series, names=labels))
+        plots.append(Plot(title, "", f"{title}, dB", series, names=labels))
     return Section("Scores of every run", plots, "A dot is a run.")

@@ -8,6 +8,7 @@ from typing import Any
 
 from aa4d.errors import InputError
 from aa4d.experiments.kinds.evaluate import Row
+from aa4d.experiments.kinds.trial import TEXTS
 from aa4d.experiments.outputs import rows_of
 from aa4d.files import read_json_object
 from aa4d.graph.store import SHORT
@@ -40,6 +41,9 @@ def rows_from(path: Path) -> list[Row]:
             raise InputError(
                 f"{path}: line {number} has no capture, variant, seed and psnr; run the same command again"
             )
+        wrong = [key for key, value in read.items() if key not in TEXTS and not isinstance(value, int | float)]
+        if wrong:
+            raise InputError(f"{path}: line {number}: {wrong[0]} is no number; run the same command again")
         rows.append(read | named)
     return rows
 

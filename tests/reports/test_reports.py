@@ -263,7 +263,26 @@ def test_an_experiment_files_runs_are_found_where_the_graph_keeps_them(ablation:
     assert "PSNR of training views on capture" in html
 
 
-@pytest.mark.parametrize("text", ["", "capture,variant\na,b\n", "capture,variant,seed,psnr\na,b,0,high\n"])
+def test_scores_stand_over_the_knob_that_an_experiment_turns(ablation: Path) -> None:
+    (ablation / "tables").mkdir()
+    (ablation / "experiment.toml").write_text('title = "Noise"\n[axis]\nlabel = "noise, cm"\nvalues = [1, 4]\n')
+    rows = [f"s {at},{variant},0,{at},{psnr}" for variant, psnr in (("a", 30.0), ("b", 20.0)) for at in (1.0, 4.0)]
+    (ablation / "tables" / "rows.csv").write_text("\n".join(["capture,variant,seed,at,psnr", *rows, ""]))
+    html = write_report(ablation).path.read_text("utf-8")
+    assert "Scores against the knob" in html
+    assert "PSNR, dB over noise, cm of a, b" in html
+    assert "<title>b: 4, 20</title>" in html
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "capture,variant\na,b\n",
+        "capture,variant,seed,psnr\na,b,0,high\n",
+        "capture,variant,seed,psnr,ssim\na,b,0,1,?\n",
+    ],
+)
 def test_damaged_rows_are_refused(ablation: Path, text: str) -> None:
     (ablation / "rows.csv").write_text(text)
     with pytest.raises(InputError, match=r"rows\.csv: "):
