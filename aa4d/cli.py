@@ -22,6 +22,7 @@ from aa4d.commands.experiment import experiment
 from aa4d.commands.export import export
 from aa4d.commands.inspect import inspect
 from aa4d.commands.render import render
+from aa4d.commands.report import report
 from aa4d.commands.stress import stress
 from aa4d.commands.sweep import sweep
 from aa4d.commands.train import train
@@ -55,6 +56,7 @@ COMMANDS: dict[str, Command] = {
     "sweep": sweep,
     "experiment": experiment,
     "cost": cost,
+    "report": report,
     "bench": bench.COMMANDS,
     "stress": stress,
 }

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -25,6 +24,7 @@ from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.writing import Cloud, Shot
 from aa4d.files import write_text
 from aa4d.identity import Identity, digest_of
+from aa4d.reports.page import environment
 
 SHOWN_POINTS = 20_000
 PICTURED_FRAMES = 4
@@ -39,27 +39,28 @@ def write_report(
     checked: SelfCheck,
     placement: Placement,
 ) -> None:
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
-    )
     shots, pinhole = placement.shots, placement.pinhole
     capture = read_capture(made.folder).identity
     centers = np.array([-s.viewmat[:3, :3].T @ s.viewmat[:3, 3] for s in shots])
     right, down, ahead = (np.array([s.viewmat[axis, :3] for s in shots]) for axis in range(3))
-    html = environment.get_template("report.html.jinja").render(
-        identity=Identity("report", digest_of({"version": __version__}), {"capture": capture.digest()}).as_text(),
-        made=made,
-        clip=clip,
-        cameras=cameras,
-        geometry={} if matches is None else matches.geometry,
-        checked=checked,
-        pinhole=pinhole,
-        total=sum(made.seconds.values()),
-        share=made.frames / made.used,
-        frame_errors=_svg_bars([checked.frame_px.get(s.name, 0.0) for s in shots]),
-        histogram=_svg_bars(checked.histogram),
-        pictures=[_picture(made.folder, shots[i]) for i in spread(len(shots))],
-        view=_view(placement.cloud, centers, right, down, ahead, pinhole),
+    html = (
+        environment(Path(__file__).parent)
+        .get_template("report.html.jinja")
+        .render(
+            identity=Identity("report", digest_of({"version": __version__}), {"capture": capture.digest()}).as_text(),
+            made=made,
+            clip=clip,
+            cameras=cameras,
+            geometry={} if matches is None else matches.geometry,
+            checked=checked,
+            pinhole=pinhole,
+            total=sum(made.seconds.values()),
+            share=made.frames / made.used,
+            frame_errors=_svg_bars([checked.frame_px.get(s.name, 0.0) for s in shots]),
+            histogram=_svg_bars(checked.histogram),
+            pictures=[_picture(made.folder, shots[i]) for i in spread(len(shots))],
+            view=_view(placement.cloud, centers, right, down, ahead, pinhole),
+        )
     )
     write_text(made.report, html)
 

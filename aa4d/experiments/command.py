@@ -17,6 +17,7 @@ from aa4d.experiments.variants import Experiment
 from aa4d.graph.engines import Means, engine_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
+from aa4d.reports.report import closing_line
 from aa4d.settings.given import Given, Options
 
 WIDTH = 180
@@ -58,7 +59,8 @@ def run(
     console.print(
         f"{settings.coarse_iterations} + {settings.fine_iterations} iterations; "
         "± is the standard deviation over seeds\n"
-        f"tables: {out / 'table.md'}, {out / 'pooled.md'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}",
+        f"tables: {out / 'table.md'}, {out / 'pooled.md'}, {out / 'rows.csv'}\nplot:   {out / 'plot.png'}\n"
+        f"{closing_line(out)}",
         highlight=False,
         soft_wrap=True,
     )

@@ -19,6 +19,7 @@ from aa4d.experiments.timing import time_runs
 from aa4d.experiments.trials import Outcome, Trial, run_experiment, trials_of
 from aa4d.files import claimed, make_folder, read_json_object, whole_file
 from aa4d.graph.engines import Means, engine_of
+from aa4d.reports.report import closing_line
 
 PARETO = "pareto.png"
 PICTURES = "pictures"  # a folder
@@ -79,7 +80,7 @@ def compare(
     _print(comparison)
     console.print(
         f"tables:   {out / 'compare.md'}, compare.json, table.csv, rows.csv\nplot:     {out / PARETO}\n"
-        f"pictures: {out / PICTURES}",
+        f"pictures: {out / PICTURES}\n{closing_line(out)}",
         highlight=False,
         soft_wrap=True,
     )

@@ -20,6 +20,7 @@ from aa4d.graph.scheduler import check, run_graph
 from aa4d.graph.store import Store
 from aa4d.graph.task import Task, in_order
 from aa4d.output_folder import claim_folder
+from aa4d.reports.report import closing_line
 
 INDEX = "experiment.json"
 COPY = "experiment.toml"
@@ -62,7 +63,7 @@ def run_file(
         variants = tuple(Variant(name) for name in file.variants)
         if rows:
             print_rows(Experiment("experiment", file.head.title, variants), rows)
-            console.print(f"tables: {out / TABLES}", highlight=False, soft_wrap=True)
+            console.print(f"tables: {out / TABLES}\n{closing_line(out)}", highlight=False, soft_wrap=True)
     check(outcome)
 
 

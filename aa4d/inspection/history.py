@@ -8,10 +8,12 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from aa4d.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = ("step", "stage", "psnr_db", "anchors")  # those that are shown
 
@@ -47,6 +49,8 @@ def read_history(path: Path) -> list[Row] | None:
 
 
 def history_figure(rows: list[Row]) -> Figure:
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(9, 3), layout="constrained")
     panels = figure.subplots(1, 2)
     steps = [row.step for row in rows]

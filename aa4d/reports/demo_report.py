@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from PIL import Image
 
 from aa4d import __version__
@@ -21,9 +17,10 @@ from aa4d.errors import InputError
 from aa4d.evaluation.plots import psnr_figure
 from aa4d.files import read_json_object, write_text
 from aa4d.identity import Identity, digest_of, identity_of
+from aa4d.reports.page import environment
+from aa4d.reports.pictures import ERROR_GAIN, error_picture, png_uri
 
 PICTURED_FRAMES = 3
-ERROR_GAIN = 4  # an error of a quarter of the range is the top of the colour scale
 
 
 def write_report(
@@ -51,21 +48,22 @@ def write_report(
     made_from = {name: _evaluation_of(capture, path, values).digest() for name, values in sources.items()}
     made_from["capture"] = capture.identity.digest()
     identity = Identity("report", digest_of({"version": __version__}), made_from)
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
-    )
-    html = environment.get_template("demo_report.html.jinja").render(
-        name=capture.name,
-        frames=[_row(capture, run, paper, score) for score in spread(metrics["frames"], PICTURED_FRAMES)],
-        metrics=metrics,
-        paper=of_paper,
-        identity=identity.as_text(),
-        seconds=seconds,
-        total=sum(seconds.values()),
-        plot=_svg(psnr_figure(metrics)),
-        blender=_data_uri(np.asarray(Image.open(blender_picture).convert("RGB"))),
-        train_frames=len(capture.of_split("train")),
-        gain=ERROR_GAIN,
+    html = (
+        environment()
+        .get_template("demo_report.html.jinja")
+        .render(
+            name=capture.name,
+            frames=[_row(capture, run, paper, score) for score in spread(metrics["frames"], PICTURED_FRAMES)],
+            metrics=metrics,
+            paper=of_paper,
+            identity=identity.as_text(),
+            seconds=seconds,
+            total=sum(seconds.values()),
+            plot=_svg(psnr_figure(metrics)),
+            blender=png_uri(np.asarray(Image.open(blender_picture).convert("RGB"))),
+            train_frames=len(capture.of_split("train")),
+            gain=ERROR_GAIN,
+        )
     )
     write_text(path, html)
 
@@ -96,28 +94,16 @@ def _row(capture: Capture, run: Path, paper: Path | None, score: dict[str, Any])
     mask = moving_mask(capture, index)
     return {
         "score": score,
-        "truth": _data_uri(truth),
-        "render": _data_uri(render),
-        "paper": None if of_paper is None else _data_uri(of_paper),
-        "static": _data_uri(np.asarray(Image.open(static_path))) if static_path.exists() else None,
-        "error": _data_uri(_error_picture(truth, render)),
-        "moving": None if mask is None else _data_uri(np.where(mask[..., None], truth, truth // 4)),
+        "truth": png_uri(truth),
+        "render": png_uri(render),
+        "paper": None if of_paper is None else png_uri(of_paper),
+        "static": png_uri(np.asarray(Image.open(static_path))) if static_path.exists() else None,
+        "error": png_uri(error_picture(truth, render)),
+        "moving": None if mask is None else png_uri(np.where(mask[..., None], truth, truth // 4)),
     }
-
-
-def _error_picture(truth: NDArray[np.uint8], render: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    error = np.abs(truth.astype(np.float32) - render).mean(axis=2) / 255
-    colors = matplotlib.colormaps["inferno"](np.clip(error * ERROR_GAIN, 0, 1))
-    return (colors[..., :3] * 255).round().astype(np.uint8)
 
 
 def _svg(figure: Figure) -> str:
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg")
     return buffer.getvalue()[buffer.getvalue().index("<svg") :]
-
-
-def _data_uri(image: NDArray[np.uint8]) -> str:
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, format="PNG")
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
