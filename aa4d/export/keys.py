@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -60,7 +61,7 @@ def drawn_ids(clip: Clip, progress: Callable[[int], None]) -> NDArray[np.int64]:
         InputError: there are none.
     """
     drawn = np.zeros(0, bool)
-    for index, values in enumerate(decoded(clip)):
+    for index, values in enumerate(decoded(replace(clip, degree=0))):  # harmonics change no opacity
         seen = values["opacity"][:, 0] > 0
         drawn = drawn | seen if len(drawn) else seen
         progress(index + 1)
