@@ -132,6 +132,12 @@ def remove_unfinished(folder: Path) -> None:
             os.close(handle)
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write what was made in memory, as numpy's archives are: they complain of a full disk again when freed."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
 def write_text(path: Path, text: str) -> None:
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

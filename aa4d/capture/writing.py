@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from aa4d.capture.content import CHECKSUMS, content_of, digests_of
 from aa4d.capture.reader import CAPTURE_VERSION
 from aa4d.capture.schema import FARTHEST_M, PinholeCamera
 from aa4d.capture.truth import BOXES, Boxes
-from aa4d.files import whole_file, write_json, write_text
+from aa4d.files import whole_file, write_bytes, write_json, write_text
 from aa4d.identity import Identity, digest_of_file
 
 INDEX = "capture.json"
@@ -79,8 +80,9 @@ def write_capture(
                 _link(source, folder / f"{shot.name}.png")
     if boxes is not None:
         (out / BOXES).parent.mkdir(exist_ok=True)
-        with whole_file(out / BOXES) as temporary:
-            np.savez(temporary, frame=boxes.frame, target=boxes.target, box_px=boxes.box_px, category=boxes.category)
+        content = BytesIO()
+        np.savez(content, frame=boxes.frame, target=boxes.target, box_px=boxes.box_px, category=boxes.category)
+        write_bytes(out / BOXES, content.getvalue())
     near = (np.abs(cloud.positions) < FARTHEST_M).all(axis=1)
     _write_points(out / "points.ply", cloud.positions[near], cloud.colors[near])
     _write_colmap(out / "sparse" / "0", camera, shots, cloud, sightings or {})

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from aa4d.errors import InputError
-from aa4d.files import whole_file
+from aa4d.files import write_bytes
 from aa4d.motion.spline import FEWEST_CONTROLS
 from aa4d.motion.tracks import Tracks
 
@@ -22,16 +23,17 @@ def movers_path(out: Path) -> Path:
 
 
 def save_tracks(path: Path, tracks: Tracks) -> None:
-    with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            names=np.array(tracks.names, dtype=np.str_),
-            control=tracks.control,
-            shown=tracks.shown,
-            up=tracks.up,
-            labels=tracks.labels,
-            moving=np.packbits(tracks.moving, axis=-1),
-        )
+    content = BytesIO()
+    np.savez_compressed(
+        content,
+        names=np.array(tracks.names, dtype=np.str_),
+        control=tracks.control,
+        shown=tracks.shown,
+        up=tracks.up,
+        labels=tracks.labels,
+        moving=np.packbits(tracks.moving, axis=-1),
+    )
+    write_bytes(path, content.getvalue())
 
 
 def load_tracks(path: Path) -> Tracks:

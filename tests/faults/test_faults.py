@@ -84,6 +84,7 @@ def test_a_program_that_takes_a_failed_write_for_done_is_found(tmp_path: Path) -
         ("tmp/aa4d-synth-dsc_da4s/truth.exr", "tmp/aa*d-synth-*/truth.exr"),
         ("tmp/wtqs5k3w", "tmp/*"),  # in which Python tries whether files can be written
         ("run/.tmpblYUmY", "run/.tmp*"),  # of safetensors
+        ("run/.a.usdc.k3_9xa2b.part.Xp1BYL", "run/.a.usdc.*.part.*"),  # of USD
         ("run/history.csv", "run/history.csv"),
         ("train/street-3fa9c1d2e4b5/model.safetensors", "train/street-*/model.safetensors"),
     ],

@@ -17,7 +17,7 @@ EVENT, ALLOWED = "=IBBHQii", 1
 # What differs between two runs of a command: what is random in the names of temporary files, and what is counted.
 RANDOM = re.compile(
     r"(?<=\.)[a-z0-9_]{8}(?=\.part)|(?<=tmp)[a-z0-9_]{8}\b|(?<=tmp/)[a-z0-9_]{8}$"
-    r"|(?<=-)[a-z0-9_]{8}(?=/)|(?<=/\.tmp)\w{6}$|[0-9a-f]{12,}|\d+"
+    r"|(?<=-)[a-z0-9_]{8}(?=/)|(?:(?<=/\.tmp)|(?<=\.part\.))\w{6}$|[0-9a-f]{12,}|\d+"
 )
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import tempfile
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import torch
@@ -208,7 +210,7 @@ def no_rows() -> float:
     is_slow=True,
 )
 def hostile_training() -> float:
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(StringIO()):
         write_hostile_capture(Path(folder, "capture"))
         rows = train(Path(folder), replace(settings_of(1000, 0), arithmetic="bfloat16"))
     is_finite = all(math.isfinite(row["largest_loss"]) for row in rows)

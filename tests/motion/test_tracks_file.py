@@ -1,4 +1,6 @@
+import gc
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,24 @@ def test_tracks_survive_their_file(tmp_path: Path, groups: int) -> None:
     assert after.names == before.names
     for name in ("control", "shown", "up", "labels", "moving"):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+
+
+def test_a_file_that_cannot_be_finished_is_one_error_and_nothing_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resource = pytest.importorskip("resource")  # Windows has none
+    said: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", said.append)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"tracks\.npz"):
+            save_tracks(tmp_path / "tracks.npz", tracks(300))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    gc.collect()
+    assert said == []
+    assert list(tmp_path.iterdir()) == []
 
 
 def change(path: Path, **changes: object) -> None:
