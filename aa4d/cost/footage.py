@@ -15,7 +15,7 @@ from aa4d.cost.panel import Measurement, Panel, Point, Quality, Setup
 from aa4d.graph.call import Call
 
 PRESET = "fast"  # of `aa4d capture` where none is named
-SECONDS = {"quick": 12.0, "full": 40.0}
+SECONDS = {"quick": 20.0, "full": 60.0}
 
 
 def measure(call: Call) -> dict[str, Any]:

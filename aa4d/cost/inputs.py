@@ -14,7 +14,6 @@ from aa4d.experiments.kinds.render import Rendering
 from aa4d.experiments.kinds.train import Training, iterations_of
 from aa4d.graph.task import Task
 from aa4d.methods.settings import RunSettings
-from aa4d.scene_files import scene_digest
 
 NO_BLENDER = "Blender is not here: put `blender` on PATH, or install the module with pip install -e '.[blender]'"
 
@@ -43,7 +42,7 @@ def source_of(setup: Setup) -> Source:
     if setup.capture is not None:
         return Source(read_capture(setup.capture).identity.digest(), setup.capture.resolve(), ())
     scene = script(setup.size.scene)
-    rendering = Rendering(scene_digest(scene), scene)
+    rendering = Rendering.of(scene, {}, scene.stem)
     return Source(None, None, (Task("render", setup.size.name, rendering, alike=scene.stem),))
 
 

@@ -12,9 +12,9 @@ from aa4d.cost.kind import cost_task
 from aa4d.cost.models import usual_run
 from aa4d.cost.panel import Setup
 from aa4d.cost.training import base
-from aa4d.errors import InputError, Interrupted
 from aa4d.files import read_json_object
 from aa4d.graph.call import Call
+from aa4d.graph.child import run_child
 from aa4d.graph.task import Task
 
 ANCHORS = {"quick": 5_000, "full": 20_000}
@@ -27,8 +27,9 @@ def measure(call: Call) -> dict[str, Any]:
     run, evaluation = call.needs
     given, extension, found = call.task.settings.given, call.folder / "extension.zip", call.folder / "addon.json"
     model, pictures = run.folder / "model.safetensors", evaluation.folder / "eval"
-    _run(str(script("addon/build_extension.py")), str(extension))
+    _run(call, str(script("addon/build_extension.py")), str(extension))
     _run(
+        call,
         *(str(script("addon/bench_addon.py")), "--extension", str(extension), "--json", str(found)),
         *("--model", str(model), "--pictures", str(pictures)),
         *("--samples", str(given["samples"]), "--anchors", str(given["anchors"])),
@@ -37,18 +38,8 @@ def measure(call: Call) -> dict[str, Any]:
     return read_json_object(found, "the measurements of the extension") | {"anchors": given["anchors"]}
 
 
-def _run(*arguments: str) -> None:
-    last = ""
-
-    def hear(line: str) -> None:
-        nonlocal last
-        last = line or last
-
-    code = run_forwarding_interrupts([sys.executable, *arguments], hear)
-    if code == 130:
-        raise Interrupted(last)
-    if code != 0:
-        raise InputError(last or f"{arguments[0]} ended with exit code {code}")
+def _run(call: Call, *arguments: str) -> None:
+    run_child(call, lambda hear: run_forwarding_interrupts([sys.executable, *arguments], hear), arguments[0])
 
 
 def playback_task(setup: Setup) -> Task:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 from aa4d.blender import run_in_blender, script
 from aa4d.cost.kind import cost_task
 from aa4d.cost.panel import Setup
-from aa4d.errors import InputError, Interrupted
 from aa4d.files import read_json_object
 from aa4d.graph.call import Call
+from aa4d.graph.child import run_child
 from aa4d.graph.task import Task
 from aa4d.scene_files import scene_digest
 
@@ -21,21 +22,19 @@ SECONDS = {"quick": 90.0, "full": 600.0}
 
 def measure(call: Call) -> dict[str, Any]:
     """The content of what synth/cost.py writes. Raises InputError with its last line where it refuses."""
-    settings, last = call.task.settings, ""
-
-    def hear(line: str) -> None:
-        nonlocal last
-        if (step := STEP.match(line)) is not None:
-            call.advance(int(step[1]), int(step[2]))
-        last = line or last
-
+    settings = call.task.settings
     reference = str(settings.given["reference"])
     arguments = (str(settings.paths["scene"]), "--out", str(call.folder), "--reference", reference)
-    code = run_in_blender("synth/cost.py", *arguments, hear=hear)
-    if code == 130:
-        raise Interrupted(last)
-    if code != 0:
-        raise InputError(last or f"synth/cost.py ended with exit code {code}")
+
+    def run(hear: Callable[[str], None]) -> int:
+        def count(line: str) -> None:
+            if (step := STEP.match(line)) is not None:
+                call.advance(int(step[1]), int(step[2]))
+            hear(line)
+
+        return run_in_blender("synth/cost.py", *arguments, hear=count)
+
+    run_child(call, run, "synth/cost.py")
     return read_json_object(call.folder / "cost.json", "the measurements of `aa4d synth cost`")
 
 

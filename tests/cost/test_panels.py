@@ -133,7 +133,7 @@ def test_playback_is_live_by_default_and_cheaper_while_it_plays() -> None:
         "baked_ms": 2.0,
         "baked_processor_ms": 1.0,
     }
-    error = {"p99_mm": 10.0, "bake_s": 0.0}
+    error = {"p99_mm": 10.0, "bake_s": 0.0, "keys": 9}
     accuracy = [
         {"what": "live, while the timeline plays", "mean_mm": 1.5, **error},
         {"what": "keys every frame", "mean_mm": 3.0, **error, "bake_s": 2.0},
@@ -143,6 +143,8 @@ def test_playback_is_live_by_default_and_cheaper_while_it_plays() -> None:
     assert playing.is_default
     assert playing.processor_s == pytest.approx(0.014)
     assert (baked.processor_s, baked.quality, baked.more["bake, s"]) == (0.001, 3.0, 2.0)
+    accuracy[0]["keys"] = 1  # a clip too short for knots is evaluated as at rest
+    assert playback.points({"rows": [row], "accuracy": accuracy})[1].processor_s == rest.processor_s
 
 
 def test_the_default_look_is_the_one_that_a_new_import_has() -> None:
