@@ -60,9 +60,7 @@ def test_a_log_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
 
 
 def test_facts_are_curves_by_task(tmp_path: Path) -> None:
-    pytest.importorskip("tensorboard")
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
+    event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     from aa4d.graph.event_log import Curves
     from aa4d.training.history import board
 
@@ -71,7 +69,7 @@ def test_facts_are_curves_by_task(tmp_path: Path) -> None:
     for done in (10, 20):
         curves(Advanced(task, done, 20, {"loss": done / 100}))
     curves(Finished(task, Kept({}, 1.0, "")))
-    events = EventAccumulator(str(tmp_path / task.name))
+    events = event_accumulator.EventAccumulator(str(tmp_path / task.name))
     events.Reload()
     (tag,) = events.Tags()["scalars"]
     assert tag == f"{task.kind}/loss"
