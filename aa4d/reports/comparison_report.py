@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -102,7 +103,7 @@ def _table(comparison: Comparison, means: list[Mean], title: str) -> Table:
         rows.append(row)
     columns = [
         Column("method", is_number=False),
-        *(Column("\u00a0".join(s.heading.rsplit(" ", 1)), s.digits, s.good) for s in scores),
+        *(Column(re.sub(" ([↑↓])$", "\u00a0\\1", s.heading), s.digits, s.good) for s in scores),
     ]
     return Table(columns, rows, title)
 
