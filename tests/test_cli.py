@@ -33,6 +33,8 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
         (("eval", "absent"), "no such model file"),
         (("inspect", "absent"), "no such model file"),
         (("render", "absent"), "no such model file"),
+        (("report", "absent"), "absent: no such folder; name a run, an experiment or a comparison"),
+        (("report", __file__), "test_cli.py: is a file; name the folder that holds it"),
         (("view", "absent"), "no such model file"),
         (("view",), "name at least one run"),
         (("export", "absent"), "no such model file"),

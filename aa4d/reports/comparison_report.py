@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -75,9 +76,11 @@ def read_comparison(path: Path) -> Comparison:
 
 def _lead(comparison: Comparison) -> str:
     c: dict[str, Any] = comparison.conditions
-    methods = len({str(row["variant"]) for row in comparison.rows})
+    methods = {str(row["variant"]) for row in comparison.rows}
+    counts = ((methods, "method"), (comparison.captures, "capture"), (comparison.rows, "run"))
+    counted = ", ".join(f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for of, what in counts)
     return (
-        f"{methods} methods, {len(comparison.captures)} captures, {len(comparison.rows)} runs; "
+        f"{counted}; "
         f"{c.get('coarse_iterations')} + {c.get('fine_iterations')} iterations of preset {c.get('preset')}. Equal for "
         "all are frames and their split, camera poses, the points that they start from, the rasteriser and the scoring."
     )
@@ -98,7 +101,10 @@ def _table(comparison: Comparison, means: list[Mean], title: str) -> Table:
             place = "" if text == marked_text else ("best", "second")["12".index(marked_text[0])]
             row.append(Cell(text, mean.spreads[score.key].mean, place) if text else None)
         rows.append(row)
-    columns = [Column("method", is_number=False), *(Column(s.heading, s.digits, s.good) for s in scores)]
+    columns = [
+        Column("method", is_number=False),
+        *(Column(re.sub(" ([↑↓])$", "\u00a0\\1", s.heading), s.digits, s.good) for s in scores),
+    ]
     return Table(columns, rows, title)
 
 
@@ -115,7 +121,8 @@ def _pareto(comparison: Comparison, means: Sequence[Mean]) -> Section:
     if len({mean.capture for mean in means}) > 1:  # of one capture, where no mean over all is to be had
         means = [mean for mean in means if mean.capture == means[0].capture]
     plots = [_panel(comparison, means, quality, cost) for quality in UP for cost in ACROSS]
-    where = means[0].capture if means else ""
+    captures = comparison.captures
+    where = captures[0] if len(captures) == 1 else means[0].capture if means else ""
     note = (
         f"Of {where}. Bars are standard deviations over seeds, the gray line joins what nothing beats in both, the "
         "star is what aa4d train does where nothing is said."

@@ -239,7 +239,7 @@ def _line(places: Sequence[Point], series: Series, color: str) -> Markup:
 
 def _dot(x: float, y: float, series: Series, color: str, note: str) -> Markup:
     title = Markup("<title>{}</title>").format(note) if note else Markup()
-    opacity = 0.4 if series.faint else 1
+    opacity = 0.4 if series.faint else 0.85
     if series.star:
         turns = [math.pi * n / 5 - math.pi / 2 for n in range(10)]
         radii = [8.5 if n % 2 == 0 else 3.6 for n in range(10)]

@@ -48,49 +48,42 @@ def rows_from(path: Path) -> list[Row]:
     return rows
 
 
-def run_of_row(out: Path, row: Row) -> ScoredRun | None:
-    """The run that a row is of, in the folder that is named after it or where a graph keeps it; None where it is gone.
+def runs_of(out: Path, rows: Sequence[Row]) -> dict[tuple[str, str, int], ScoredRun]:
+    """The runs of rows by capture, variant and seed, in the folders that are named after them or where a graph keeps
+    them; those that are gone are left out.
 
     Raises:
-        InputError: its scores are damaged.
+        InputError: the scores of one are damaged.
     """
-    capture, label, seed = str(row["capture"]), str(row["variant"]).replace(" ", "-"), row["seed"]
-    if all(Path(part).name == part for part in (capture, label)):
+    kept = _kept(out)
+    found = {}
+    for row in rows:
+        capture, variant, seed = key = (str(row["capture"]), str(row["variant"]), int(row["seed"]))
+        label = variant.replace(" ", "-")
         folder = out / capture / label / f"seed{seed}"
-        if (folder / METRICS).is_file():
-            return scored_run(folder)
+        if all(Path(part).name == part for part in (capture, label)) and (folder / METRICS).is_file():
+            found[key] = scored_run(folder)
+        elif (place := kept.get((f"{capture}, {variant}, seed {seed}", float(row["psnr"])))) is not None:
+            found[key] = scored_run(*place)
+    return found
+
+
+def _kept(out: Path) -> dict[tuple[str, float], tuple[Path, Path]]:
+    """Where a graph keeps evaluations and their trainings, by the evaluation's name and PSNR."""
+    trainings = {path.name.rpartition("-")[2]: path for path in (out / "train").glob("*-*") if path.is_dir()}
+    found = {}
     for path in sorted((out / "evaluate").glob("*.json")):
-        record = _record(path)
-        result = record.get("result")
-        if record.get("name") == f"{capture}, {row['variant']}, seed {seed}" and isinstance(result, dict):
-            folder = path.with_suffix("")
-            if result.get("psnr") == row["psnr"] and (folder / METRICS).is_file():
-                return scored_run(folder, _trained(out, record) or folder)
-    return None
-
-
-def _record(path: Path) -> dict[str, Any]:
-    try:
-        return read_json_object(path, "the record of a task")
-    except InputError:
-        return {}
-
-
-def _trained(out: Path, record: dict[str, Any]) -> Path | None:
-    """Where the run of an evaluation was trained."""
-    needs = record.get("made_from")
-    for digest in needs if isinstance(needs, dict) else ():
-        if digest.isalnum():
-            found = [path for path in (out / "train").glob(f"*-{digest[:SHORT]}") if path.is_dir()]
-            if found:
-                return found[0]
-    return None
-
-
-def runs_of(out: Path, rows: Sequence[Row]) -> dict[tuple[str, str, int], ScoredRun]:
-    """By capture, variant and seed, those that are there."""
-    found = {(str(row["capture"]), str(row["variant"]), int(row["seed"])): run_of_row(out, row) for row in rows}
-    return {key: run for key, run in found.items() if run is not None}
+        try:
+            record = read_json_object(path, "the record of a task")
+        except InputError:
+            continue
+        result, needs, folder = record.get("result"), record.get("made_from"), path.with_suffix("")
+        psnr = result.get("psnr") if isinstance(result, dict) else None
+        if isinstance(psnr, int | float) and (folder / METRICS).is_file():
+            digests = needs if isinstance(needs, dict) else {}
+            trained = next((trainings[d[:SHORT]] for d in digests if d[:SHORT] in trainings), folder)
+            found[str(record.get("name")), float(psnr)] = (folder, trained)
+    return found
 
 
 def digest_of_runs(runs: dict[tuple[str, str, int], ScoredRun], rows: Sequence[Row]) -> dict[str, str]:

@@ -140,6 +140,7 @@ def seen(browser: Browser, tmp_path: Path) -> Iterator[Watched]:
     path = tmp_path / "page.html"
     write_page(path, HOSTILE, sections(HOSTILE), lead=HOSTILE)
     with watched(browser, 900, 700) as seen:
+        seen.page.set_default_timeout(120_000)
         seen.page.goto(path.as_uri())
         yield seen
         assert seen.page.evaluate("window.stolen === undefined")
