@@ -12,6 +12,7 @@ USUAL_FPS = 30.0
 USUAL_MOST_FRAMES = 150
 CAMERA_MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")  # COLMAP's names
 MOVERS = ("auto", "off")
+OVERLAYS = ("tell", "leave-out")
 MOST_THREADS = 256  # more than cores on nearly all machines; what a system cannot start ends the whole process
 
 Number = Annotated[int, Range(1, 10_000)]
@@ -77,6 +78,8 @@ class CaptureSettings:
     reconstruction: Reconstruction
     selection: Selection = Selection()
     movers: Annotated[str, NameIn(__name__, "MOVERS")] = "auto"  # auto: what moves is left out
+    # Of what is burned into the pictures. Told: a finding that is wrong costs nothing, a mask would cost every frame.
+    overlay: Annotated[str, NameIn(__name__, "OVERLAYS")] = "tell"
     size_px: Pixels = 1280  # longest side of the capture's frames, at most
     fov_deg: Degrees | None = None  # horizontal field of view of the frames, where it is known
     altitude_m: Meters | None = None  # median distance from cameras to what they see, where no GNSS gives the scale
