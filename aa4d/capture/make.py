@@ -117,7 +117,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     spacing = _spacing(source, settings, workspace)
     clip = workspace.run(frames_step(source, _selection(settings, spacing)))
     given = None if source.posed is None else source.posed.of_clip(clip)
-    masks = workspace.run(movers_step(clip, source.annotations)) if settings.movers == "auto" else None
+    masks = workspace.run(movers_step(clip, source.annotations)) if settings.movers != "off" else None
     overlay = workspace.run(overlay_step(clip)) if settings.overlay == "leave-out" else None
     matches = _matches(source, clip, masks, overlay, settings, workspace)
     if matches is None:
@@ -144,8 +144,8 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     pictures = workspace.run(
         pictures_step(clip, placement.ranks, placement.cameras, placement.pinhole, masks, settings.size_px)
     )
-    is_estimated = masks is not None and source.annotations is None
-    second = workspace.run(second_look_step(placement, pictures)) if is_estimated else None
+    looks_again = settings.movers == "twice" and source.annotations is None
+    second = workspace.run(second_look_step(placement, pictures)) if looks_again else None
     boxes = None if source.annotations is None else placement.boxes(source.annotations, clip)
     generator = {
         "input": path.name,

@@ -62,7 +62,9 @@ def capture(
     movers: Annotated[
         str | None,
         name_in("aa4d.capture.settings", "MOVERS", "--movers", "auto"),
-        arg(help="auto: leave out what moves, by annotated boxes, else by its motion. off: use every feature."),
+        arg(
+            help="auto: leave out what moves, by annotated boxes, else by its motion. twice: look again with cameras known. off."
+        ),
     ] = None,
     overlay: Annotated[
         str | None,
