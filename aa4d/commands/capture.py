@@ -63,7 +63,7 @@ def capture(
         str | None,
         name_in("aa4d.capture.settings", "MOVERS", "--movers", "auto"),
         arg(
-            help="auto: leave out what moves, by annotated boxes, else by its motion. twice: look again with cameras known. off."
+            help="auto: leave out what moves, by annotated boxes, else by its motion. twice: look again. off: mask nothing."
         ),
     ] = None,
     overlay: Annotated[
