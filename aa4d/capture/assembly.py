@@ -6,7 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from aa4d.capture.placement import Placement
+from aa4d.capture.second_look import SecondMasks
 from aa4d.capture.selfcheck import ReprojectionError, SelfCheck, check_capture
 from aa4d.capture.truth import BOXES, Boxes
 from aa4d.capture.undistortion import Pictures
@@ -33,19 +37,37 @@ def capture_step(
     out: Path,
     placement: Placement,
     pictures: Pictures,
+    masks: SecondMasks | None,
+    left_out: NDArray[np.bool_] | None,
     boxes: Boxes | None,
     generator: dict[str, Any],
     made_from: dict[str, str],
     altitude_m: float | None,
 ) -> Step[Published]:
-    """Make the capture `out` of the input `path`; `generator` is what its index says of how it was made."""
+    """Make the capture `out` of the input `path`; `generator` is what its index says of how it was made.
+
+    Args:
+        masks: of movers, in place of those beside the pictures.
+        left_out: [H, W] pixels of all frames that training may leave out.
+    """
 
     def run(folder: Path, progress: Progress) -> Published:
         progress(0, 2)
         name = path.stem if path.is_file() else path.resolve().name
         p = placement
         write_capture(
-            folder, name, pictures.folder, p.pinhole, p.shots, p.cloud, generator, boxes, made_from, p.sightings()
+            folder,
+            name,
+            pictures.folder,
+            p.pinhole,
+            p.shots,
+            p.cloud,
+            generator,
+            boxes,
+            made_from,
+            p.sightings(),
+            pictures.folder if masks is None else masks.folder,
+            left_out,
         )
         progress(1, 2)
         check = check_capture(folder, placement.observations(), placement.shrinkage)
@@ -66,4 +88,4 @@ def forget_damaged(out: Path, workspace: Workspace) -> None:
     if damaged:
         workspace.forget(NAME)
     if any(name.endswith(".png") for name in damaged):
-        workspace.forget("pictures")  # frames/ and movers/ are second names of its files
+        workspace.forget("pictures")  # frames/ and movers/ are second names of its files and the second look's

@@ -11,6 +11,7 @@ import pycolmap
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import in_blocks, run
 from aa4d.capture.movers import Masks
+from aa4d.capture.overlay import Overlay
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress, Step, StepResult
 
@@ -35,12 +36,17 @@ def stated_focal_px(fov_deg: float | None, share: float | None, clip: Clip) -> f
 
 
 def features_step(
-    clip: Clip, masks: Masks | None, settings: Reconstruction, focal_px: float | None, threads: int
+    clip: Clip,
+    masks: Masks | None,
+    settings: Reconstruction,
+    focal_px: float | None,
+    threads: int,
+    overlay: Overlay | None = None,
 ) -> Step[Features]:
     return Step(
         "features",
         [settings.features, settings.longest_px, settings.camera_model, focal_px],
-        lambda *place: extract(clip, masks, settings, focal_px, threads, *place),
+        lambda folder, progress: extract(clip, masks, settings, focal_px, threads, folder, progress, overlay),
         Features,
     )
 
@@ -53,6 +59,7 @@ def extract(
     threads: int,
     folder: Path,
     progress: Progress,
+    overlay: Overlay | None = None,
 ) -> Features:
     """Write `database.db` into `folder`; frames that it holds already are left as they are.
 
@@ -71,6 +78,8 @@ def extract(
         reader.camera_params = camera.params_to_string()
     if masks is not None:
         reader.mask_path = masks.folder
+    if overlay is not None and overlay.share:
+        reader.camera_mask_path = overlay.mask
     names = [frame.file for frame in clip.frames]
     for done, block in in_blocks(names, FRAMES_A_THREAD * threads):
         # A block is stored whole: what a stopped run keeps, and what the progress counts.

@@ -26,8 +26,10 @@ from aa4d.capture.focal import Tried, rivals
 from aa4d.capture.mapping import Cameras, adopt_step, solve_step, triangulate_step
 from aa4d.capture.matching import Matches, matches_step
 from aa4d.capture.movers import Masks, masking_method, movers_step
+from aa4d.capture.overlay import NOTED, Overlay, overlay_step
 from aa4d.capture.placement import Placement, place
 from aa4d.capture.report import write_report
+from aa4d.capture.second_look import SecondMasks, second_look_step
 from aa4d.capture.selection import frames_step
 from aa4d.capture.selfcheck import standing_out
 from aa4d.capture.settings import CaptureSettings, Selection
@@ -41,6 +43,7 @@ from aa4d.files import LOCK, claimed, make_folder, read_json_object, write_json
 from aa4d.identity import digest_of
 
 RECORD = "work/input.json"
+LEFT_OUT_BY = "`aa4d train --set leave_out=true` leaves it out by left_out/all.png; scores count it all the same"
 
 
 def make_capture(
@@ -114,8 +117,9 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     spacing = _spacing(source, settings, workspace)
     clip = workspace.run(frames_step(source, _selection(settings, spacing)))
     given = None if source.posed is None else source.posed.of_clip(clip)
-    masks = workspace.run(movers_step(clip, source.annotations)) if settings.movers == "auto" else None
-    matches = _matches(source, clip, masks, settings, workspace)
+    masks = workspace.run(movers_step(clip, source.annotations)) if settings.movers != "off" else None
+    overlay = workspace.run(overlay_step(clip)) if settings.overlay == "leave-out" else None
+    matches = _matches(source, clip, masks, overlay, settings, workspace)
     if matches is None:
         cameras = workspace.run(adopt_step(clip, given))
     elif given is not None:
@@ -123,8 +127,14 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     else:
         cameras = workspace.run(solve_step(clip, matches, settings))
     placement = place(path, source, clip, cameras, settings)
+    left_out = None if overlay is None or not overlay.share else placement.of_pinhole(overlay.covers())
     notes = [
-        *clip.notes,
+        *(note for note in clip.notes if left_out is None or not note.startswith(NOTED)),
+        *(
+            []
+            if left_out is None
+            else [f"{NOTED}, {100 * left_out.mean():.2g} % of it: no feature is found there, and {LEFT_OUT_BY}"]
+        ),
         *([] if spacing is None else spacing.notes),
         *([] if masks is None else masks.notes),
         *cameras.notes(clip),
@@ -134,6 +144,8 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     pictures = workspace.run(
         pictures_step(clip, placement.ranks, placement.cameras, placement.pinhole, masks, settings.size_px)
     )
+    looks_again = settings.movers == "twice" and source.annotations is None
+    second = workspace.run(second_look_step(placement, pictures)) if looks_again else None
     boxes = None if source.annotations is None else placement.boxes(source.annotations, clip)
     generator = {
         "input": path.name,
@@ -146,7 +158,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     }
     made_from = _made_from(source, settings)
     published = workspace.run(
-        capture_step(path, out, placement, pictures, boxes, generator, made_from, settings.altitude_m)
+        capture_step(path, out, placement, pictures, second, left_out, boxes, generator, made_from, settings.altitude_m)
     )
     pinhole, error_px = placement.pinhole, published.check.reprojection_px.median
     fov_deg = 2 * float(np.degrees(np.arctan(0.5 * pinhole.width / pinhole.K[0, 0])))
@@ -159,7 +171,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         size=(pinhole.width, pinhole.height),
         fov_deg=fov_deg,
         world=placement.world,
-        movers=_movers(source, masks),
+        movers=_movers(source, masks, second),
         notes=tuple(notes),
         advice=(
             *_field_of_view_advice(source, clip, matches, cameras, settings, fov_deg),
@@ -196,21 +208,27 @@ def _selection(settings: CaptureSettings, spacing: Spacing | None) -> Selection:
 
 
 def _matches(
-    source: Source, clip: Clip, masks: Masks | None, settings: CaptureSettings, workspace: Workspace
+    source: Source,
+    clip: Clip,
+    masks: Masks | None,
+    overlay: Overlay | None,
+    settings: CaptureSettings,
+    workspace: Workspace,
 ) -> Matches | None:
     """None where cameras and points were given."""
     if source.posed is not None and source.posed.has_points:
         return None
     how, threads = settings.reconstruction, settings.threads
     focal_px = stated_focal_px(settings.fov_deg, source.focal_share, clip)
-    features = workspace.run(features_step(clip, masks, how, focal_px, threads))
+    features = workspace.run(features_step(clip, masks, how, focal_px, threads, overlay))
     return workspace.run(matches_step(clip, features, how, threads, settings.seed))
 
 
-def _movers(source: Source, masks: Masks | None) -> str:
+def _movers(source: Source, masks: Masks | None, second: SecondMasks | None) -> str:
     if masks is None:
         return "off"
-    return f"{masking_method(source.annotations)}, {100 * float(np.mean(masks.share)):.2g} % of the pixels masked"
+    first = f"{masking_method(source.annotations)}, {100 * float(np.mean(masks.share)):.2g} % of the pixels masked"
+    return first if second is None else f"{first}; {100 * second.share:.2g} % at the second look, with cameras known"
 
 
 def _field_of_view_advice(
@@ -248,5 +266,5 @@ def _quality_advice(
         len(cameras.other_models),
         0 if matches is None else len(matches.gaps),
         sum("blurred" in note for note in notes),
-        next((note for note in clip.notes if note.startswith("something stands still")), None),
+        next((note for note in notes if note in clip.notes and note.startswith(NOTED)), None),
     )

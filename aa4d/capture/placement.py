@@ -18,7 +18,7 @@ from aa4d.capture.schema import FARTHEST_M, PinholeCamera
 from aa4d.capture.settings import CaptureSettings
 from aa4d.capture.sources import Source
 from aa4d.capture.truth import Boxes
-from aa4d.capture.undistortion import pinhole_boxes, pinhole_of, pinhole_pixels, viewmat_of
+from aa4d.capture.undistortion import Undistortion, pinhole_boxes, pinhole_of, pinhole_pixels, viewmat_of
 from aa4d.capture.writing import Cloud, Shot, Sightings
 from aa4d.errors import InputError
 
@@ -66,6 +66,13 @@ class Placement:
             name: (np.array([self.model.point3D(point).xyz for point in seen.ids]), seen.pixels)
             for name, seen in self.sightings().items()
         }
+
+    def of_pinhole(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """What of a mask of all the clip's frames is seen by the pinhole camera, whichever lens took the frame."""
+        cameras = {camera.camera_id: camera for camera in self.cameras}
+        white = np.where(mask, 255, 0).astype(np.uint8)
+        seen = [Undistortion(camera, self.pinhole).mask(white) > 0 for camera in cameras.values()]
+        return np.logical_or.reduce(seen)
 
     def boxes(self, annotations: Annotations, clip: Clip) -> Boxes:
         """The frames' boxes, in pixels of the pinhole camera; those of which its frames show nothing are left out."""

@@ -11,7 +11,8 @@ from aa4d.settings.allowed import NameIn, Range, Share
 USUAL_FPS = 30.0
 USUAL_MOST_FRAMES = 150
 CAMERA_MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")  # COLMAP's names
-MOVERS = ("auto", "off")
+MOVERS = ("auto", "twice", "off")
+OVERLAYS = ("tell", "leave-out")
 MOST_THREADS = 256  # more than cores on nearly all machines; what a system cannot start ends the whole process
 
 Number = Annotated[int, Range(1, 10_000)]
@@ -76,7 +77,9 @@ class CaptureSettings:
     preset: str  # where the other settings start from
     reconstruction: Reconstruction
     selection: Selection = Selection()
-    movers: Annotated[str, NameIn(__name__, "MOVERS")] = "auto"  # auto: what moves is left out
+    movers: Annotated[str, NameIn(__name__, "MOVERS")] = "auto"  # twice: looked for again, with cameras known
+    # Of what is burned into the pictures. Told: a finding that is wrong costs nothing, a mask would cost every frame.
+    overlay: Annotated[str, NameIn(__name__, "OVERLAYS")] = "tell"
     size_px: Pixels = 1280  # longest side of the capture's frames, at most
     fov_deg: Degrees | None = None  # horizontal field of view of the frames, where it is known
     altitude_m: Meters | None = None  # median distance from cameras to what they see, where no GNSS gives the scale

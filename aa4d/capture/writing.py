@@ -14,17 +14,28 @@ from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
 from aa4d import __version__
-from aa4d.capture.content import CHECKSUMS, content_of, digests_of
+from aa4d.capture.content import CHECKSUMS, content_of, digests_of, listed
+from aa4d.capture.pictures import save_png
 from aa4d.capture.reader import CAPTURE_VERSION
 from aa4d.capture.schema import FARTHEST_M, PinholeCamera
-from aa4d.capture.truth import BOXES, Boxes
+from aa4d.capture.truth import BOXES, LEFT_OUT, Boxes
 from aa4d.files import whole_file, write_bytes, write_json, write_text
 from aa4d.identity import Identity, digest_of_file
 
 INDEX = "capture.json"
 HELD_OUT_EVERY = 8
 OPENCV_TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-WRITTEN = ("frames", "movers", "points.ply", "transforms.json", "sparse", CHECKSUMS, INDEX)  # the index comes last
+LEFT_OUT_OF_ALL = f"{LEFT_OUT}/all.png"
+WRITTEN = (
+    "frames",
+    "movers",
+    LEFT_OUT_OF_ALL,
+    "points.ply",
+    "transforms.json",
+    "sparse",
+    CHECKSUMS,
+    INDEX,
+)  # the index comes last
 Floats = NDArray[np.float64]
 
 
@@ -65,19 +76,24 @@ def write_capture(
     boxes: Boxes | None = None,
     made_from: dict[str, str] | None = None,
     sightings: dict[str, Sightings] | None = None,
+    masks: Path | None = None,
+    left_out: NDArray[np.bool_] | None = None,
 ) -> None:
-    """Fill `out` from the undistorted `pictures` (NAME.png, and NAME.mask.png where there are masks).
+    """Fill `out` from the undistorted `pictures` (NAME.png) and, where there are any, `masks` (NAME.mask.png).
 
     `sightings`, by the frame's name, are written into the COLMAP model.
     """
-    for kind, suffix in (("frames", ".png"), ("movers", ".mask.png")):
+    for kind, suffix, made in (("frames", ".png", pictures), ("movers", ".mask.png", masks or pictures)):
         folder = out / kind
         shutil.rmtree(folder, ignore_errors=True)
         for shot in shots:
-            source = pictures / f"{shot.name}{suffix}"
+            source = made / f"{shot.name}{suffix}"
             if source.is_file():
                 folder.mkdir(exist_ok=True)
                 _link(source, folder / f"{shot.name}.png")
+    if left_out is not None:
+        (out / LEFT_OUT_OF_ALL).parent.mkdir(exist_ok=True)
+        save_png(out / LEFT_OUT_OF_ALL, np.where(left_out, 255, 0).astype(np.uint8))
     if boxes is not None:
         (out / BOXES).parent.mkdir(exist_ok=True)
         content = BytesIO()
@@ -123,9 +139,13 @@ def publish(made: Path, out: Path) -> dict[str, str]:
     """Move a capture that is whole into `out`, over the one that is there; returns its files' digests."""
     digests = digests_of_written(made)
     _remove(out / INDEX)
+    painted = LEFT_OUT_OF_ALL not in (listed(out) or {})
     for part in WRITTEN:
+        if part == LEFT_OUT_OF_ALL and painted and not (made / part).exists():
+            continue  # somebody's own
         _remove(out / part)
         if (made / part).exists():
+            (out / part).parent.mkdir(exist_ok=True)
             (made / part).replace(out / part)
 
     return digests

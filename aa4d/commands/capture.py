@@ -62,7 +62,12 @@ def capture(
     movers: Annotated[
         str | None,
         name_in("aa4d.capture.settings", "MOVERS", "--movers", "auto"),
-        arg(help="auto: leave out what moves, by annotated boxes, else by its motion. off: use every feature."),
+        arg(help="auto: leave out what moves, by boxes, else by its motion. twice: look again. off: no masks."),
+    ] = None,
+    overlay: Annotated[
+        str | None,
+        name_in("aa4d.capture.settings", "OVERLAYS", "--overlay", "tell"),
+        arg(help="tell: say where text is burned in. leave-out: no features there, and a mask for training."),
     ] = None,
     annotations: Annotated[
         Path | None,
@@ -95,6 +100,7 @@ def capture(
         "--longest-px": ("selection.longest_px", longest_px),
         "--size": ("size_px", size),
         "--movers": ("movers", movers),
+        "--overlay": ("overlay", overlay),
         "--fov": ("fov_deg", fov),
         "--altitude": ("altitude_m", altitude),
         "--seed": ("seed", seed),

@@ -524,7 +524,8 @@ def test_features_go_on_in_the_middle(made: CaptureSummary, tmp_path: Path) -> N
     assert set(before) == set(files[:3])
 
 
-def test_movers_are_masked_and_scored_apart(tmp_path: Path) -> None:
+@pytest.mark.parametrize("movers", ["auto", "twice"])
+def test_movers_are_masked_and_scored_apart(tmp_path: Path, movers: str) -> None:
     truth = aerial.arc()
     fixed = aerial.town()
 
@@ -534,7 +535,7 @@ def test_movers_are_masked_and_scored_apart(tmp_path: Path) -> None:
         return [fixed[0], car, *fixed[1:]]
 
     source = aerial.write(tmp_path / "frames", aerial.pictures(truth, surfaces))
-    made = make(source, tmp_path / "capture", replace(SETTINGS, movers="auto"))
+    made = make(source, tmp_path / "capture", replace(SETTINGS, movers=movers))
     capture = read_capture(made.folder)
     recalls, shares = [], []
     for i in range(1, 8):

@@ -1,0 +1,93 @@
+"""Masks of movers once more, with the cameras known: what was masked and stands still, however tall, is let go.
+
+The first look (movers.py) keeps features off what may move; it knows no cameras, and takes the parallax of tall things
+for motion where the background is no plane. This one asks whether any static depth explains what is seen
+(static_depth.py). What no depth explains is a mover for sure; where the first look saw motion too, less is enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aa4d.capture.movers import FLOW_PX, MAX_MOVING_FRACTION
+from aa4d.capture.pictures import save_png
+from aa4d.capture.placement import Placement
+from aa4d.capture.static_depth import Seen, unexplained
+from aa4d.capture.undistortion import Pictures
+from aa4d.capture.workspace import Progress, Step, StepResult
+
+SURE, LIKELY = 3.0, 1.5  # pixels of disagreement: of a mover, and of one that the first look saw as well
+GROWN = 1.1  # pixels: what belongs to it
+SEED_PIXELS = 12  # that a mover has of those
+CLOSED_PX = 11  # windows and roofs of one color disagree less than their outlines
+BORDER_PX = 7  # a mask is wider than what was found: blurred outlines belong to the car
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SecondMasks(StepResult):
+    """NAME.mask.png of every frame of the capture: white is what moves."""
+
+    share: float  # fraction of the pixels
+
+
+def second_look_step(placement: Placement, pictures: Pictures) -> Step[SecondMasks]:
+    """Look at the undistorted `pictures`, which come with masks of the first look."""
+    return Step("second-look", None, lambda *place: write_second_masks(placement, pictures, *place), SecondMasks)
+
+
+def write_second_masks(placement: Placement, pictures: Pictures, folder: Path, progress: Progress) -> SecondMasks:
+    names = [shot.name for shot in placement.shots]
+    scale = FLOW_PX / max(placement.pinhole.width, placement.pinhole.height)
+    K = np.diag([scale, scale, 1.0]) @ placement.pinhole.K
+    viewmats = np.array([shot.viewmat for shot in placement.shots])
+    seen = Seen(
+        [_scaled(pictures.folder / f"{name}.png", scale) for name in names], K, viewmats, placement.cloud.positions
+    )
+    shares = []
+    for index, name in enumerate(names):
+        target = folder / f"{name}.mask.png"
+        if not target.exists():
+            first = _gray(pictures.folder / f"{name}.mask.png") > 0
+            moving = moving_pixels(unexplained(seen, index), first)
+            # Where so much moves, the cameras are wrong rather than the first look.
+            moving = first if moving.mean() > MAX_MOVING_FRACTION else moving
+            save_png(target, np.where(moving, 255, 0).astype(np.uint8))
+        shares.append(float((_gray(target) > 0).mean()))
+        progress(index + 1, len(names))
+    return SecondMasks(folder, float(np.mean(shares)))
+
+
+def moving_pixels(off: NDArray[np.float32], first: Mask) -> Mask:
+    """What moves, with a border, of the size of `first`: the first look's mask.
+
+    Args:
+        off: [H, W] pixels by which no static depth explains what is seen.
+    """
+    likely = cv2.resize(first.astype(np.uint8), off.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    count, labels = cv2.connectedComponents((off > GROWN).astype(np.uint8), connectivity=8)
+    seeds = np.bincount(labels[(off > SURE) | (likely & (off > LIKELY))], minlength=count)
+    kept = seeds >= SEED_PIXELS
+    kept[0] = False
+    closed = cv2.morphologyEx(kept[labels].astype(np.uint8), cv2.MORPH_CLOSE, _disc(CLOSED_PX))
+    grown = cv2.dilate(closed, _disc(BORDER_PX))
+    return np.asarray(cv2.resize(grown, first.shape[::-1], interpolation=cv2.INTER_NEAREST)) > 0
+
+
+def _disc(size: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+
+
+def _gray(path: Path) -> NDArray[np.uint8]:
+    return np.asarray(cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE))
+
+
+def _scaled(path: Path, scale: float) -> NDArray[np.uint8]:
+    kind = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(_gray(path), None, fx=scale, fy=scale, interpolation=kind))
