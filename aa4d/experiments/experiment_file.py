@@ -142,6 +142,9 @@ def _settings(head: Head, name: str, variant: Any, common: Mapping[str, Any], pl
     for table, where in layers:
         if isinstance(table, Mapping) and "seed" in table:
             raise InputError(f"{where('seed')}: every run has one of `seeds`, at the top of the file; leave this out")
+        if isinstance(table, Mapping) and "preset" in table:
+            # Its values would be those of one preset and its name that of another.
+            raise InputError(f"{where('preset')}: `preset`, at the top of the file, is that of all; leave this out")
     return Given(tuple(layers)).applied(base)
 
 

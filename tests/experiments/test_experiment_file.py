@@ -142,6 +142,10 @@ def test_a_graph_is_planned_without_torch() -> None:
             "variants.4D-GS.aggregation: fourdgs has none; leave it out",
         ),
         (("loss.dssim", "loss.dsim"), "variants.tracked.settings.loss.dsim: unknown key; did you mean loss.dssim?"),
+        (
+            ("checkpoint_every = 7", 'preset = "paper"'),
+            "settings.preset: `preset`, at the top of the file, is that of all",
+        ),
         (("checkpoint_every = 7", "seed = 7"), "settings.seed: every run has one of `seeds`, at the top of the file"),
         (("[settings]\ncheckpoint_every = 7", "settings = 3"), "settings: is a section; it cannot be the number 3"),
         (("title", "preset = 'main'\ntitle"), "variants.product.method: adaanchor4d has no preset main; it has quick"),

@@ -21,7 +21,7 @@ from aa4d.experiments.trials import Outcome, Trial, run_experiment, task_of, tri
 from aa4d.experiments.variants import ABLATIONS, SWEEPS, Experiment, Variant
 from aa4d.files import write_json
 from aa4d.graph.engines import Means, engine_of
-from aa4d.graph.events import Event, Failed, Finished
+from aa4d.graph.events import Event, Failed, Finished, Said
 from aa4d.graph.store import Store
 from aa4d.graph.work import Job, perform
 from aa4d.methods.adaanchor4d.aggregations import AGGREGATIONS
@@ -109,6 +109,30 @@ def test_a_row_of_another_version_is_measured_again(toy_capture: Path, tmp_path:
     for kept, is_known in ((row | {"version": "0.0.1"}, False), (row | {"run": "0"}, False), (of_old, True)):
         write_json(trial.out / "trial.json", kept)
         assert (store.kept(task, {}) is not None) == is_known
+
+
+def test_a_result_that_was_edited_by_hand_is_made_again_and_named(toy_capture: Path, tmp_path: Path) -> None:
+    one = Experiment("one", "One", (Variant("good"),))
+    trial = trials_of(one, [toy_capture], tmp_path, TINY, 1)[0]
+    store, task = Store(tmp_path), task_of(trial, read_capture(toy_capture), tmp_path)
+    row = perform(Job(tmp_path, task, {}, {}), lambda _: None).result
+    model, result = trial.out / "model.safetensors", trial.out / "trial.json"
+    right = model.read_bytes()
+    marked = json.loads(result.read_text())
+    for path, edited in (
+        (model, right[:-1] + bytes([right[-1] ^ 1])),
+        (result, json.dumps(marked | {"psnr": 99.0}).encode()),
+        (result, json.dumps(marked | {"seed": 0.0}).encode()),
+    ):
+        path.write_bytes(edited)
+        assert store.kept(task, {}) is None
+        events: list[Event] = []
+        again = perform(Job(tmp_path, task, {}, {}), events.append).result
+        said = [event.text for event in events if isinstance(event, Said)]
+        assert said[0] == f"{path} is not as it was made; {task.title} is made again"
+        assert {k: v for k, v in again.items() if k in ("psnr", "ssim")} == {k: row[k] for k in ("psnr", "ssim")}
+        assert model.read_bytes() == right
+        assert store.kept(task, {}) is not None
 
 
 def test_what_a_trial_leaves_is_an_ordinary_run_and_its_row(toy_capture: Path, tmp_path: Path) -> None:
