@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from aa4d.capture.movers import FLOW_PX, MAX_MOVING_FRACTION
 from aa4d.capture.pictures import save_png
 from aa4d.capture.placement import Placement
-from aa4d.capture.static_depth import Seen, unexplained
+from aa4d.capture.static_depth import Floats, Seen, unexplained
 from aa4d.capture.undistortion import Pictures
 from aa4d.capture.workspace import Progress, Step, StepResult
 
@@ -44,12 +44,10 @@ def second_look_step(placement: Placement, pictures: Pictures) -> Step[SecondMas
 
 def write_second_masks(placement: Placement, pictures: Pictures, folder: Path, progress: Progress) -> SecondMasks:
     names = [shot.name for shot in placement.shots]
-    scale = FLOW_PX / max(placement.pinhole.width, placement.pinhole.height)
-    K = np.diag([scale, scale, 1.0]) @ placement.pinhole.K
+    files = [pictures.folder / f"{name}.png" for name in names]
     viewmats = np.array([shot.viewmat for shot in placement.shots])
-    seen = Seen(
-        [_scaled(pictures.folder / f"{name}.png", scale) for name in names], K, viewmats, placement.cloud.positions
-    )
+    pinhole = placement.pinhole
+    seen = frames_seen(files, pinhole.K, (pinhole.width, pinhole.height), viewmats, placement.cloud.positions)
     shares = []
     for index, name in enumerate(names):
         target = folder / f"{name}.mask.png"
@@ -62,6 +60,12 @@ def write_second_masks(placement: Placement, pictures: Pictures, folder: Path, p
         shares.append(float((_gray(target) > 0).mean()))
         progress(index + 1, len(names))
     return SecondMasks(folder, float(np.mean(shares)))
+
+
+def frames_seen(files: list[Path], K: Floats, size: tuple[int, int], viewmats: Floats, points: Floats) -> Seen:
+    """Pictures of `size` (width, height) by a camera `K` [3, 3] at `viewmats` [N, 4, 4], small enough to compare."""
+    scale = FLOW_PX / max(size)
+    return Seen([_scaled(file, scale) for file in files], np.diag([scale, scale, 1.0]) @ K, viewmats, points)
 
 
 def moving_pixels(off: NDArray[np.float32], first: Mask) -> Mask:

@@ -86,7 +86,8 @@ def kept(task: Task, folder: Path) -> Kept | None:
     # A row of an older version says neither: its run's settings have just been compared.
     if any(row.get(key, value) != value for key, value in trial.made_by.items()) or not _is_whole(row, trial):
         return None
-    return Kept(row, row.get("training_seconds"), digest_of(row))
+    seconds = row.get("training_seconds")
+    return Kept(row, seconds if isinstance(seconds, float) else None, digest_of(row))
 
 
 def _row(folder: Path) -> Row | None:
