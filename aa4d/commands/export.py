@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
@@ -42,10 +42,10 @@ def export(
         ),
     ] = "frame",
     harmonics: Annotated[
-        Literal[0, 1, 2, 3],
+        int,
         arg(
-            help="Degree of the spherical harmonics that say how colors change with the side they are seen from, "
-            "fitted over the training cameras. 0: they do not. Opacity and shape stay those of --seen-from."
+            help="Degree, 0 to 3, of the spherical harmonics that say how colors change with the side they are seen "
+            "from, fitted over the training cameras. 0: they do not. Opacity and shape stay those of --seen-from."
         ),
     ] = 0,
     axes: Annotated[

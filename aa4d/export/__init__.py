@@ -51,6 +51,7 @@ EXPORTERS = {
 }
 
 AXES = ("world", "viewer")  # z up, or y down
+LARGEST_DEGREE = 3  # of spherical harmonics that splat files hold
 
 
 def export(clip: Clip, name: str, out: Path, progress: Progress) -> str | None:
@@ -65,6 +66,8 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> str | None:
     exporter = EXPORTERS[name]
     if exporter.states_axes and clip.axes != "world":
         raise InputError(f"--axes {clip.axes}: a {name} file states its axes, which are the world's; leave it out")
+    if not 0 <= clip.degree <= LARGEST_DEGREE:
+        raise InputError(f"--harmonics {clip.degree}: must be a degree from 0 to {LARGEST_DEGREE}")
     if clip.degree and not exporter.harmonics:
         able = ", ".join(other for other, its in EXPORTERS.items() if its.harmonics)
         raise InputError(f"--harmonics {clip.degree}: {name} has one color a Gaussian; leave it out, or take {able}")

@@ -109,6 +109,13 @@ def test_formats_without_room_for_them_say_so(colored: Clip, tmp_path: Path, nam
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("degree", [-1, 4])
+def test_a_degree_that_no_file_holds_is_refused(colored: Clip, tmp_path: Path, degree: int) -> None:
+    with pytest.raises(InputError, match=f"--harmonics {degree}: must be a degree from 0 to 3"):
+        export(replace(colored, degree=degree), "ply", tmp_path / "out", silent)
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_constant_is_that_of_the_first_harmonic() -> None:
     assert basis(np.array([[0.0, 0, 1]]), 0) == pytest.approx(SH_CONSTANT)
     assert harmonics.degrees(2).tolist() == [0, 1, 1, 1, 2, 2, 2, 2, 2]
