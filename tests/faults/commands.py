@@ -130,6 +130,7 @@ INPUTS: dict[str, Callable[[Path], object]] = {
 
 def make_inputs(wanted: Sequence[Command], folder: Path) -> None:
     """What these commands read, in `folder`; what is there already stays."""
+    folder.mkdir(parents=True, exist_ok=True)
     line = " ".join(part for command in wanted for part in command.line)
     for name, make in INPUTS.items():
         needs_run = name == "run" and (
