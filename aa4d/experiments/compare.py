@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 from aa4d.capture.content import check_content
@@ -17,7 +18,7 @@ from aa4d.experiments.pareto import plot_pareto
 from aa4d.experiments.side_by_side import Panel, compose, crops_of, drawn_by, frames_to_show, truth_of
 from aa4d.experiments.timing import time_runs
 from aa4d.experiments.trials import Outcome, Trial, run_experiment, trials_of
-from aa4d.files import claimed, make_folder, read_json_object, whole_file
+from aa4d.files import claimed, make_folder, read_json_object, write_bytes
 from aa4d.graph.engines import Means, engine_of
 from aa4d.reports.report import closing_line
 
@@ -144,8 +145,9 @@ def _pictures(capture: Capture, trials: list[Trial], titles: dict[str, str], out
         named, seed = capture.folder.resolve().name, trials[0].seed
         caption = f"{named}, held-out frame {frame.name} at {frame.time_s:.2f} s, seed {seed}"
         name = f"{PICTURES}/{named}-{frame.name}.jpg"
-        with whole_file(out / name) as temporary:
-            compose(panels, crops_of(capture, index), caption).save(temporary, format="JPEG", quality=92, subsampling=0)
+        buffer = BytesIO()  # Pillow writes JPEG past Python, and takes what a full disk has no room for as written
+        compose(panels, crops_of(capture, index), caption).save(buffer, format="JPEG", quality=92, subsampling=0)
+        write_bytes(out / name, buffer.getvalue())
         names.append(name)
     return names
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from aa4d.files import read_json_object, whole_file
+from aa4d.files import read_json_object, write_bytes
 
 ACTIVITY_COLORS = ("#3b4252", "#f2a33a", "#d9412b", "#5aa9e6", "#e8ebf0")  # by label
 
@@ -46,8 +47,9 @@ def plot(measured: Path, picture: Path) -> None:
     named = zip(CLASSES, ACTIVITY_COLORS, strict=True)
     patches = [Patch(facecolor=color, edgecolor="#999999", label=name) for name, color in named]
     figure.legend(handles=patches, loc="outside lower right", ncols=len(patches), fontsize=9, frameon=False)
-    with whole_file(picture) as temporary:
-        figure.savefig(temporary, format="jpg", dpi=110)
+    buffer = BytesIO()  # Pillow writes JPEG past Python, and takes what a full disk has no room for as written
+    figure.savefig(buffer, format="jpg", dpi=110)
+    write_bytes(picture, buffer.getvalue())
 
 
 def flow_colors(flow: Any) -> Any:
