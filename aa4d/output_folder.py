@@ -16,6 +16,20 @@ if TYPE_CHECKING:
 def claim_folder(out: Path, index_name: str, wanted: dict[str, Any], what: str) -> dict[str, Any]:
     """The index of what `out` holds, written first: a folder is new, empty, or this very output.
 
+    Raises:
+        InputError: see `index_in`.
+    """
+    found = index_in(out, index_name, wanted, what)
+    if found is not None:
+        return found
+    make_folder(out)
+    write_json(out / index_name, wanted)
+    return dict(wanted)
+
+
+def index_in(out: Path, index_name: str, wanted: dict[str, Any], what: str) -> dict[str, Any] | None:
+    """The index of what `out` holds, None where the folder is new or empty. Writes nothing.
+
     Args:
         wanted: everything that the files depend on; further keys of an index that is there are its own. Where it has
             an "identity" and so has the index, the two alone are compared.
@@ -36,9 +50,7 @@ def claim_folder(out: Path, index_name: str, wanted: dict[str, Any], what: str) 
         return found
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: not empty and not {what}; choose a new folder with --out")
-    make_folder(out)
-    write_json(path, wanted)
-    return dict(wanted)
+    return None
 
 
 def index_of(kind: str, loaded: LoadedModel, settings: dict[str, Any]) -> dict[str, Any]:

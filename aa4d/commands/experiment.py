@@ -34,12 +34,13 @@ def experiment(
     """Render, train, score and tabulate what an experiment file says. Stopped or killed, the same command continues."""
     from aa4d.errors import InputError
     from aa4d.experiments.run_file import read_part, run_file, show_plan
-    from aa4d.graph.engines import Means
+    from aa4d.graph.engines import Means, check_means
 
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs {jobs}: must be at least 1")
-    which = None if part is None else read_part(part)
+    which, means = None if part is None else read_part(part), Means(jobs, address)
+    check_means(engine, means)
     if plan:
         show_plan(file, out, jobs or 1, which, costs)
     else:
-        run_file(file, out, engine, Means(jobs, address), which, costs, tensorboard=tensorboard)
+        run_file(file, out, engine, means, which, costs, tensorboard=tensorboard)

@@ -20,16 +20,17 @@ from aa4d.cost.panel import Measurement, Panel, Setup
 from aa4d.cost.report import write_page
 from aa4d.cost.rows import Row, points_of, rows_of
 from aa4d.errors import InputError
-from aa4d.experiments.run_file import summary
+from aa4d.experiments.run_file import stores_of, summary
 from aa4d.files import claimed, write_json, write_text
 from aa4d.graph.costs import DONE, Costs, plan
 from aa4d.graph.engines import Means, engine_of
 from aa4d.graph.scheduler import Outcome, check, run_graph
 from aa4d.graph.store import Store
 from aa4d.graph.task import Task, in_order
-from aa4d.output_folder import claim_folder
+from aa4d.output_folder import claim_folder, index_in
 
 INDEX = "run.json"
+WHAT = "a cost report"
 JSON, TABLE, PAGE = "cost.json", "cost.csv", "cost.html"
 
 
@@ -63,14 +64,19 @@ def choose(setup: Setup, names: tuple[str, ...] | None) -> Chosen:
 
 
 def show_plan(setup: Setup, names: tuple[str, ...] | None, out: Path, costs_of: tuple[Path, ...]) -> None:
-    """Print every task with its state, and how long all will take. Writes nothing. Raises what `choose` raises."""
+    """Print every task with its state, and how long all will take. Writes nothing.
+
+    Raises:
+        InputError: no panel can be measured, or `out` holds something else.
+    """
     chosen = choose(setup, names)
-    tasks = chosen.tasks
-    for entry in plan(tasks, Store(out), _costs(tasks, setup, out, costs_of)):
+    tasks, stores = chosen.tasks, (Store(out), *stores_of(costs_of))
+    index_in(out, INDEX, _wanted(setup), WHAT)
+    for entry in plan(tasks, Store(out), _costs(tasks, setup, stores)):
         console.print(f"{entry.task.title}: {entry.state}", highlight=False, soft_wrap=True)
     for name, reason in chosen.left_out.items():
         console.print(f"{name} is left out: {reason}", highlight=False, soft_wrap=True)
-    _foretell(tasks, setup, out, costs_of)
+    _foretell(tasks, setup, stores)
 
 
 def run_cost(setup: Setup, names: tuple[str, ...] | None, out: Path, costs_of: tuple[Path, ...]) -> None:
@@ -82,13 +88,13 @@ def run_cost(setup: Setup, names: tuple[str, ...] | None, out: Path, costs_of: t
         Interrupted: Ctrl-C; what is measured is kept, and the same command continues.
     """
     chosen = choose(setup, names)
-    capture = None if setup.capture is None else read_capture(setup.capture).identity.digest()
+    stores = (Store(out), *stores_of(costs_of))
     with ExitStack() as stack:
-        claim_folder(out, INDEX, {"size": setup.size.name, "capture": capture, "machine": machine()}, "a cost report")
+        claim_folder(out, INDEX, _wanted(setup), WHAT)
         stack.enter_context(claimed(out, "measuring what accuracy costs"))
-        _foretell(chosen.tasks, setup, out, costs_of)
+        _foretell(chosen.tasks, setup, stores)
         load, started = load_average(), time.perf_counter()
-        with graph_listener(1, _costs(chosen.tasks, setup, out, costs_of)) as listen:
+        with graph_listener(1, _costs(chosen.tasks, setup, stores)) as listen:
             # One after the other in this process: nothing of ours runs beside what is timed.
             outcome = run_graph(chosen.tasks, Store(out), engine_of("inline", Means()), listen(chosen.tasks))
         session = {"seconds": time.perf_counter() - started, "load_before": load, "load_after": load_average()}
@@ -101,13 +107,20 @@ def run_cost(setup: Setup, names: tuple[str, ...] | None, out: Path, costs_of: t
     check(outcome)
 
 
-def _costs(tasks: tuple[Task, ...], setup: Setup, out: Path, costs_of: tuple[Path, ...]) -> Costs:
-    return expected.costs(tasks, setup.size.name, map(Store, (out, *costs_of)))
+def _wanted(setup: Setup) -> dict[str, Any]:
+    """What a report in its folder is of. Raises InputError where the capture cannot be read."""
+    capture = None if setup.capture is None else read_capture(setup.capture).identity.digest()
+    return {"size": setup.size.name, "capture": capture, "machine": machine()}
 
 
-def _foretell(tasks: tuple[Task, ...], setup: Setup, out: Path, costs_of: tuple[Path, ...]) -> None:
-    planned = plan(tasks, Store(out), _costs(tasks, setup, out, costs_of))
-    is_measured = any(True for folder in (out, *costs_of) for _ in Store(folder).records())
+def _costs(tasks: tuple[Task, ...], setup: Setup, stores: tuple[Store, ...]) -> Costs:
+    return expected.costs(tasks, setup.size.name, stores)
+
+
+def _foretell(tasks: tuple[Task, ...], setup: Setup, stores: tuple[Store, ...]) -> None:
+    """Say how long the tasks will take, by what lies in stores, the first of which is that of the report."""
+    planned = plan(tasks, stores[0], _costs(tasks, setup, stores))
+    is_measured = any(True for store in stores for _ in store.records())
     by = "by what was measured before" if is_measured else "by a first estimate, for two idle cores"
     ending = "" if all(entry.state == DONE for entry in planned) else f", {by}"
     console.print(f"{setup.size.name}: {summary(planned, tasks, 1)}{ending}", highlight=False, soft_wrap=True)

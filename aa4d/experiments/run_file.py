@@ -19,11 +19,12 @@ from aa4d.graph.event_log import LOG, Curves, EventLog, together
 from aa4d.graph.scheduler import check, run_graph
 from aa4d.graph.store import Store
 from aa4d.graph.task import Task, in_order
-from aa4d.output_folder import claim_folder
+from aa4d.output_folder import claim_folder, index_in
 from aa4d.reports.report import closing_line
 
 INDEX = "experiment.json"
 COPY = "experiment.toml"
+WHAT = "an experiment"
 
 
 def run_file(
@@ -41,16 +42,17 @@ def run_file(
         raise InputError("--tensorboard: needs the package tensorboard; pip install tensorboard")
     tables = experiment_graph(file := read_experiment(path))
     tasks = (tables,) if part is None else part_of(tables, *part)
+    others = stores_of(costs_of)
     worker = engine_of(engine, means)
     with ExitStack() as stack:
         stack.callback(worker.close)
-        claim_folder(out, INDEX, {"experiment": path.stem}, "an experiment")
+        claim_folder(out, INDEX, {"experiment": path.stem}, WHAT)
         mine = out if part is None else out / "parts" / f"{part[0]}-of-{part[1]}"
         stack.enter_context(claimed(mine, "running an experiment"))
         with whole_file(out / COPY) as temporary:
             temporary.write_bytes(path.read_bytes())
         store = Store(out)
-        with graph_listener(worker.slots, Costs(map(Store, (out, *costs_of)))) as listen:
+        with graph_listener(worker.slots, Costs((Store(out), *others))) as listen:
             tell = together(listen(in_order(tasks)), EventLog(mine / LOG))
             if tensorboard:
                 from aa4d.training.history import board
@@ -68,14 +70,37 @@ def run_file(
 
 
 def show_plan(path: Path, out: Path, slots: int, part: tuple[int, int] | None, costs_of: tuple[Path, ...]) -> None:
-    """Print every task with its state and its seconds, and how long all will take. Writes nothing."""
+    """Print every task with its state and its seconds, and how long all will take. Writes nothing.
+
+    Raises:
+        InputError: see `run_file`.
+    """
     tables = experiment_graph(read_experiment(path))
+    index_in(out, INDEX, {"experiment": path.stem}, WHAT)
     tasks = in_order((tables,) if part is None else part_of(tables, *part))
-    planned = plan(tasks, Store(out), Costs(map(Store, (out, *costs_of))))
+    planned = plan(tasks, Store(out), Costs((Store(out), *stores_of(costs_of))))
     for entry in planned:
         about = "" if entry.state == DONE or entry.seconds is None else f", about {words_of(entry.seconds)}"
         console.print(f"{entry.task.title}: {entry.state}{about}", highlight=False, soft_wrap=True)
     console.print(summary(planned, tasks, slots), highlight=False, soft_wrap=True)
+
+
+def stores_of(costs_of: tuple[Path, ...]) -> tuple[Store, ...]:
+    """What was measured in the folders that --costs names; one that holds none of it is said.
+
+    Raises:
+        InputError: one is not there.
+    """
+    for folder in costs_of:
+        if not folder.is_dir():
+            raise InputError(
+                f"--costs {folder}: no such folder; name one that `aa4d experiment` or `aa4d cost` has made"
+            )
+    stores = tuple(map(Store, costs_of))
+    for store in stores:
+        if not any(True for _ in store.records()):
+            console.print(f"--costs {store.root}: holds nothing that was measured", highlight=False, soft_wrap=True)
+    return stores
 
 
 def summary(planned: list[Planned], tasks: tuple[Task, ...], slots: int) -> str:

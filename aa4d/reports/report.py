@@ -52,6 +52,9 @@ def write_report(
     """
     if not 0 < megabytes < float("inf"):
         raise InputError(f"--megabytes {megabytes:g}: must be a positive number")
+    for capture in captures:
+        if not (capture / "capture.json").is_file():
+            raise InputError(f"--captures {capture}: no such capture folder; name one that holds a capture.json")
     path = out or folder / NAME
     found = Captures(captures)
     page = page_of(folder, found)

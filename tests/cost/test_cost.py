@@ -104,6 +104,7 @@ def test_bad_input_is_refused_in_a_sentence_and_nothing_is_written(
         "--panels must be one of": ("--panels", "hyperbole"),
         "exclude each other": ("--quick", "--full"),
         "no panel can be measured here": ("--panels", "absent"),
+        "--costs nowhere: no such folder": ("--panels", "hyperbola", "--costs", "nowhere"),
         "no such capture folder": ("--panels", "training-iterations", "--capture", tmp_path / "nowhere"),
     }
     for sentence, arguments in wrong.items():
@@ -120,7 +121,10 @@ def test_a_folder_in_use_or_of_something_else_is_refused(
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters/one.txt").write_text("dear")
     assert command(monkeypatch, "--out", tmp_path / "letters", "--panels", "hyperbola") == 2
-    assert "not empty and not a cost report" in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert "not empty and not a cost report" in refused
+    assert command(monkeypatch, "--out", tmp_path / "letters", "--panels", "hyperbola", "--plan") == 2
+    assert capsys.readouterr().err == refused
     assert command(monkeypatch, "--out", tmp_path / "out", "--panels", "hyperbola") == 0
     assert command(monkeypatch, "--out", tmp_path / "out", "--panels", "hyperbola", "--full") == 2
     assert "with other settings" in capsys.readouterr().err

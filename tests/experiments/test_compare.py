@@ -102,6 +102,7 @@ def test_a_run_is_timed_once(
     [
         (("{capture}", "--methods", "fourdg"), "--methods fourdg: must be one of all, .*; did you mean fourdgs?"),
         (("absent",), "absent: no such capture folder"),
+        (("{capture}", "--address", "auto"), "--address auto: is of a Ray cluster, and the engine processes uses none"),
         (("{capture}", "--seeds", "0"), "--seeds 0: must be at least 1"),
         (("{capture}", "{capture}"), "two captures are called 'capture'; rename a folder"),
         (("{capture}", "--iterations", "0", "5"), "--iterations 0: must be at least 1"),

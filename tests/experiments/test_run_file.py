@@ -156,6 +156,13 @@ def test_parts_that_are_run_one_by_one_are_one_experiment(
         (("--engine", "inlin"), "--engine inlin: must be one of inline, processes, ray; did you mean inline?"),
         (("--engine", "ray"), "--engine ray: say which cluster with --address HOST:PORT"),
         (("--engine", "inline", "--jobs", "2"), "--jobs 2: the engine inline does one task at a time"),
+        (
+            ("--address", "auto"),
+            "--address auto: is of a Ray cluster, and the engine processes uses none; add --engine",
+        ),
+        (("--address", "auto", "--plan"), "--address auto: is of a Ray cluster, and the engine processes uses none"),
+        (("--costs", "nowhere"), "--costs nowhere: no such folder; name one that `aa4d experiment` or `aa4d cost`"),
+        (("--costs", "nowhere", "--plan"), "--costs nowhere: no such folder"),
     ],
 )
 def test_bad_input_is_one_sentence_and_nothing_is_written(
@@ -175,6 +182,25 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(
     assert says in said
     assert said.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_plan_is_of_a_folder_that_the_run_would_take(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "letter.txt").write_text("dear")
+    said = []
+    for plan in ((), ("--plan",)):
+        assert aa4d(monkeypatch, file, "--out", tmp_path, "--engine", "inline", *plan) == 2
+        said.append(capsys.readouterr().err)
+    assert "not empty and not an experiment; choose a new folder with --out" in said[0]
+    assert said[0] == said[1]
+
+
+def test_costs_of_a_folder_in_which_nothing_was_measured_are_said_to_be_none(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert aa4d(monkeypatch, file, "--out", tmp_path / "out", "--plan", "--costs", tmp_path) == 0
+    assert f"--costs {tmp_path}: holds nothing that was measured\n" in capsys.readouterr().out
 
 
 def test_two_runs_or_two_experiments_in_one_folder_are_refused(

@@ -201,6 +201,12 @@ def test_what_has_no_report_is_refused(tmp_path: Path) -> None:
         write_report(Path(__file__))
 
 
+def test_captures_that_are_not_there_are_refused_whether_or_not_they_are_looked_for(ablation: Path) -> None:
+    shutil.rmtree(ablation / "capture")  # no run is left that would ask for its capture
+    with pytest.raises(InputError, match="--captures nowhere: no such capture folder"):
+        write_report(ablation, captures=[Path("nowhere")])
+
+
 def test_what_cannot_be_written_is_refused(run: Path) -> None:
     with pytest.raises(InputError, match="--megabytes 0: must be a positive number"):
         write_report(run, megabytes=0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol
 
+from aa4d.errors import InputError
 from aa4d.graph.events import Tell
 from aa4d.graph.task import Task
 from aa4d.graph.work import Job
@@ -18,6 +19,7 @@ ENGINES: Mapping[str, str] = {
     "ray": "aa4d.graph.engines.ray",
 }
 DEFAULT = "processes"
+CLUSTERS = ("ray",)  # engines that work on a cluster, which has an address
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,17 @@ class Engine(Protocol):
         """Leave nothing behind."""
 
 
+def check_means(name: str, means: Means) -> None:
+    """Raises InputError for an address that the engine has no use for."""
+    if means.address is not None and name not in CLUSTERS:
+        raise InputError(
+            f"--address {means.address}: is of a Ray cluster, and the engine {name} uses none; "
+            "add --engine ray, or leave it out"
+        )
+
+
 def engine_of(name: str, means: Means) -> Engine:
-    """Raises InputError where the engine cannot work: a package or a cluster is not there."""
+    """Raises InputError where the engine cannot work: a package or a cluster is not there; and see `check_means`."""
+    check_means(name, means)
     made: Engine = import_module(ENGINES[name]).engine(means)
     return made
