@@ -68,7 +68,9 @@ def read_capture(folder: Path, *, to_train: bool = True) -> Capture:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such capture folder; make one with `aa4d synth` or `aa4d capture`")
     if not index.exists():
-        raise InputError(f"{folder}: has no capture.json; if it is an unfinished capture, run the same command again")
+        raise InputError(
+            f"{folder}: has no capture.json, so no capture, or an unfinished one: run the command that makes it again"
+        )
     document = read_json_object(index, "the index of a capture")
     if document.get("format") != "aa4d-capture":
         raise InputError(f'{index}: key "format" is {document.get("format")!r}, expected "aa4d-capture"')

@@ -21,7 +21,7 @@ def cost(
     panels: Annotated[
         tuple[str, ...] | None,
         names_in("aa4d.cost", "PANELS", "--panels", "all"),
-        arg(help="Only these; by default all."),
+        arg(help="Only these, blanks or commas between them; by default all."),
     ] = None,
     capture: Annotated[
         Path | None,

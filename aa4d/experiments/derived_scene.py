@@ -16,7 +16,7 @@ def derived(scene: Path, name: str, changes: Mapping[str, Any]) -> str:
     Raises:
         InputError: `scene` cannot be read.
     """
-    table = merged(_with_whole_paths(read_toml(scene), scene.resolve().parent), changes)
+    table = merged(_with_whole_paths(read_toml(scene, "scene file"), scene.resolve().parent), changes)
     return "".join(f"{json.dumps(key)} = {_inline(value)}\n" for key, value in (table | {"name": name}).items())
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from aa4d.errors import InputError
 from aa4d.experiments.axis import Axis, Changes, Knob, Position, axis_of
@@ -24,12 +24,13 @@ from aa4d.settings.toml import read_toml
 MODULES = ("dlgd", "dacw")
 MOTION = {"none": None, "tracks": MotionSettings()}
 SCENE_ENDING = ".toml"
+OF_SCENES = ("time", "camera", "flight", "street")  # sections that every scene file has, and no experiment
 SCENES = "scenes: missing; name scene files, which are rendered, or capture folders, as seen from this file"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Head:
-    """The keys at the top of a file, besides the sections `axis`, `scene`, `settings` and `variants`."""
+    """The keys at the top of a file."""
 
     title: str = ""
     scenes: tuple[str, ...] = ()
@@ -37,15 +38,17 @@ class Head:
     preset: Annotated[str, NameIn("aa4d.methods", "preset_names")] = "quick"
     iterations: tuple[Count, Count] | None = None  # coarse and fine, instead of the preset's
     resources: Resources = field(default_factory=Resources)  # of a training
+    BESIDE: ClassVar = ("axis", "scene", "settings", "variants")
 
 
 @dataclass(frozen=True)
 class VariantKeys:
-    """The keys of a variant, besides its section `settings` and the list `modules`."""
+    """The keys of a variant."""
 
     method: Annotated[str, NameIn("aa4d.methods", "METHODS")] = DEFAULT
     motion: Annotated[str, NameIn("aa4d.experiments.experiment_file", "MOTION")] = "none"
     aggregation: str | None = None  # checked with the settings that it is one of
+    BESIDE: ClassVar = ("modules", "settings")
 
 
 @dataclass(frozen=True)
@@ -83,11 +86,17 @@ def read_experiment(path: Path) -> ExperimentFile:
         InputError: the file cannot be read, a key or a name is unknown, a value is not allowed, a scene is not there or
             named twice, a capture would have to be rendered otherwise, or there is no variant.
     """
-    table = read_toml(path)
+    table = read_toml(path, "experiment file")
 
     def place(where: str) -> str:
         return f"{path}: {where}"
 
+    of_scenes = [key for key in OF_SCENES if key in table]
+    if of_scenes and "variants" not in table and "scenes" not in table:
+        raise InputError(
+            f"{path}: looks like a scene file (it has [{'], ['.join(of_scenes)}] and no variants); name an experiment "
+            "file, whose `scenes` may name this one"
+        )
     variants, settings = table.pop("variants", {}), table.pop("settings", {})
     scene, axis = table.pop("scene", {}), table.pop("axis", None)
     for name, section in (("variants", variants), ("settings", settings), ("scene", scene)):

@@ -39,11 +39,11 @@ def rows_from(path: Path) -> list[Row]:
             or not isinstance(read.get("psnr"), float | int)
         ):
             raise InputError(
-                f"{path}: line {number} has no capture, variant, seed and psnr; run the same command again"
+                f"{path}: line {number} has no capture, variant, seed and psnr; run the command that made it again"
             )
         wrong = [key for key, value in read.items() if key not in TEXTS and not isinstance(value, int | float)]
         if wrong:
-            raise InputError(f"{path}: line {number}: {wrong[0]} is no number; run the same command again")
+            raise InputError(f"{path}: line {number}: {wrong[0]} is no number; run the command that made it again")
         rows.append(read | named)
     return rows
 

@@ -27,7 +27,8 @@ def changed(base: T, table: Mapping[str, Any], place: Place) -> T:
 
     A nested dataclass is a table of its keys, of which those left out stay. An optional one is off with "none", and a
     table of any of its keys, or an empty one, turns it on. Ranges and names are declared in annotations
-    (aa4d/settings/allowed.py); what a class refuses in `__post_init__` with a ValueError is refused here.
+    (aa4d/settings/allowed.py); what a class refuses in `__post_init__` with a ValueError is refused here. `BESIDE` of a
+    class: keys that its caller takes out of the table first, named with those that are allowed.
 
     Raises:
         InputError: an unknown key, a wrong type, or a value that is not allowed: who gave it, which, what is allowed.
@@ -53,9 +54,10 @@ class _Checker:
         values = {} if base is None else {name: getattr(base, name) for name in fields}
         for name, value in table.items():
             if name not in fields:
-                meant = self.meant(name, list(fields), prefix)
+                here = [*fields, *getattr(cls, "BESIDE", ())]
+                meant = self.meant(name, here, prefix)
                 hint = f"did you mean {meant}? Allowed" if meant else "allowed"
-                raise self.fail(prefix + _quoted(name), f"unknown key; {hint} here: {', '.join(fields)}")
+                raise self.fail(prefix + _quoted(name), f"unknown key; {hint} here: {', '.join(here)}")
             values[name] = self.value(hints[name], values.get(name), value, prefix + name)
         for name, field in fields.items():
             missing = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
@@ -107,7 +109,9 @@ class _Checker:
     def sequence(self, kind: Any, value: Any, where: str, allowed: tuple[Any, ...]) -> tuple[Any, ...]:
         items = get_args(kind)
         is_open = items[-1] is Ellipsis
-        if not isinstance(value, list) or not (value if is_open else len(value) == len(items)):
+        if is_open and value == []:
+            raise self.fail(where, "is empty; name at least one")
+        if not isinstance(value, list) or not (is_open or len(value) == len(items)):
             what = f"a list of {len(value)}" if isinstance(value, list) else describe(value)
             raise self.fail(where, f"{what} must be {expected(kind, allowed)}")
         kinds = items[:1] * len(value) if is_open else items

@@ -15,23 +15,29 @@ from aa4d.settings.checking import NONE
 MOST_BYTES = 1 << 20
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Raises InputError where there is no file of at most `MOST_BYTES` that is TOML."""
+def read_toml(path: Path, what: str = "settings file") -> dict[str, Any]:
+    """
+    Args:
+        what: the file is called in messages.
+
+    Raises:
+        InputError: there is no file of at most `MOST_BYTES` that is TOML.
+    """
     try:
         with path.open("rb") as file:  # no look at its size first: a pipe has none
             content = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such settings file") from None
+        raise InputError(f"{path}: no such {what}") from None
     except IsADirectoryError:
-        raise InputError(f"{path}: is a folder; name the settings file in it") from None
+        raise InputError(f"{path}: is a folder; name the {what} in it") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot read the settings file ({error.strerror})") from None
+        raise InputError(f"{path}: cannot read the {what} ({error.strerror})") from None
     if len(content) > MOST_BYTES:
-        raise InputError(f"{path}: larger than {MOST_BYTES >> 20} MiB, so no settings file")
+        raise InputError(f"{path}: larger than {MOST_BYTES >> 20} MiB, so no {what}")
     try:
         return tomllib.loads(content.decode("utf-8-sig"))  # some editors begin with a byte order mark
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is not UTF-8 text, so no settings file") from None
+        raise InputError(f"{path}: is not UTF-8 text, so no {what}") from None
     except (ValueError, RecursionError) as error:  # no TOML, or numbers or nesting without end
         raise InputError(f"{path}: is not TOML: {error}") from None
 

@@ -88,6 +88,23 @@ def test_names_are_given_once_each_in_order() -> None:
     assert spec.instance_from_str(["cuda", "cpu", "cuda"]) == ("cuda", "cpu")
 
 
+def test_names_have_blanks_or_commas_between_them_and_all_is_all() -> None:
+    from aa4d.commands.choices import list_of, names_in
+
+    panels = names_in("aa4d.cost", "PANELS", "--panels", "all").instance_from_str
+    methods = list_of("aa4d.experiments.comparison", "entries", "--methods").instance_from_str
+    assert methods(["grid4d, sdgs"]) == ("grid4d", "sdgs")
+    assert methods(["grid4d,all"]) is None
+    assert panels(["playback,export-formats", "playback"]) == ("playback", "export-formats")
+    assert panels(["playback, ", "export-formats"]) == ("playback", "export-formats")
+    assert panels(["all"]) is None
+    for wrong in ("playbac", "", " , ", "none"):
+        with pytest.raises(InputError, match=r"--panels .*: must be one of all, "):
+            panels([wrong])
+    with pytest.raises(InputError, match="--device all: must be one of auto"):
+        names_in("aa4d.device", "DEVICES", "--device").instance_from_str(["all"])
+
+
 def test_no_command_has_a_list_of_names_of_its_own() -> None:
     for path in Path(commands.__path__[0]).glob("*.py"):
         assert "Literal[" not in path.read_text(encoding="utf-8"), path

@@ -93,7 +93,10 @@ def test_a_second_drone_of_other_times_is_refused(pair: tuple[Path, Path]) -> No
 
 def test_an_unfinished_second_drone_is_refused(pair: tuple[Path, Path]) -> None:
     (pair[0] / FOLDER / "capture.json").unlink()
-    with pytest.raises(InputError, match="unfinished capture, run the same command again"):
+    with pytest.raises(
+        InputError,
+        match=r"has no capture\.json, so no capture, or an unfinished one: run the command that makes it again",
+    ):
         evaluate(pair[1], pair[0], silent)
 
 

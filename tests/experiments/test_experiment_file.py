@@ -127,11 +127,17 @@ def test_a_graph_is_planned_without_torch() -> None:
         (('["capture"]', '["capture", "capture"]'), "scenes[1]: two scenes are called 'capture'; rename a file or"),
         (("[0, 4]", "[0, 0]"), "seeds: one of them stands there twice"),
         (("[0, 4]", "[-1]"), "seeds[0]: -1 is out of range"),
-        (("[0, 4]", "[]"), "seeds: a list of 0 must be a list of one or more"),
+        (("[0, 4]", "[]"), "seeds: is empty; name at least one"),
         (("[20, 60]", "[20]"), "iterations: a list of 1 must be a list of 2"),
         (('"product"\nmod', '"produkt"\nmod'), 'aggregation: the text "produkt" must be one of'),
         (('["dacw"]', '["dakw"]'), 'variants.product.modules: the text "dakw" must be one of dlgd, dacw; did you mean'),
         (("aggregation =", "agregation ="), "variants.product.agregation: unknown key; did you mean aggregation?"),
+        (("modules =", "modulse ="), "aggregation, modules, settings"),
+        (
+            ("modules =", "modulse ="),
+            "variants.product.modulse: unknown key; did you mean modules? Allowed here: method",
+        ),
+        (("[settings]", "[setings]"), "setings: unknown key; did you mean settings? Allowed here: title, scenes"),
         (('"fourdgs"', '"fourdg"'), 'variants.4D-GS.method: the text "fourdg" must be one of'),
         (
             ('"fourdgs"', '"fourdgs"\nmotion = "tracks"'),
@@ -165,5 +171,15 @@ def test_what_is_refused(toy_capture: Path, change: tuple[str, str], says: str) 
 def test_a_file_without_variants_or_that_is_no_table_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no variant; add a section"):
         read_experiment(write(tmp_path, 'title = "A"\nscenes = ["s.toml"]\n'))
+    with pytest.raises(InputError, match=r"absent\.toml: no such experiment file"):
+        read_experiment(tmp_path / "absent.toml")
     with pytest.raises(InputError, match="is not TOML"):
         read_experiment(write(tmp_path, "title ="))
+
+
+def test_a_scene_file_is_told_from_an_experiment() -> None:
+    scenes = [path for path in SCENES.rglob("*.toml") if path.parent != SCENES / "experiments"]
+    assert scenes
+    for path in scenes:
+        with pytest.raises(InputError, match=r"looks like a scene file .*; name an experiment file"):
+            read_experiment(path)

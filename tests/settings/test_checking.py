@@ -120,7 +120,7 @@ def test_an_optional_section_is_turned_on_by_its_keys_and_off_by_none() -> None:
         ({"preset": 3}, "preset: the number 3 must be a text"),
         ({"limit": 6}, 'limit: 6 is out of range; it must be a number from 0 to 5'),
         ({"limit": "off"}, 'limit: the text "off" must be a number from 0 to 5'),
-        ({"rows": []}, "rows: a list of 0 must be a list of one or more, each a whole number from 1"),
+        ({"rows": []}, "rows: is empty; name at least one"),
         ({"rows": [1, 0]}, "rows[1]: 0 is out of range"),
         ({"rows": 3}, "rows: the number 3 must be a list of one or more"),
         ({"box": [0.1]}, "box: a list of 1 must be a list of 2, each a number from 0 to 1"),
