@@ -10,6 +10,7 @@ from tyro.conf import Positional, arg
 
 from aa4d.commands.choices import name_in, names_in
 from aa4d.console import console, step_progress
+from aa4d.words import counted
 
 
 def evaluate(
@@ -43,8 +44,8 @@ def evaluate(
     with step_progress("frames") as progress:
         metrics = run_evaluation(run, capture, progress, perceptual, device=device)  # type: ignore[arg-type]
     console.print(metrics_table(metrics.as_json()))
-    for network, reason in metrics.lpips_not_measured.items():
-        console.print(f"LPIPS ({network}) not measured: {reason}", highlight=False, soft_wrap=True)
+    for reason in not_measured(metrics.as_json()):
+        console.print(reason, highlight=False, soft_wrap=True)
     console.print(f"metrics: {run / 'metrics.json'}\nrenders: {run / 'eval'}", highlight=False, soft_wrap=True)
 
 
@@ -56,7 +57,7 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     table.add_column("coarse (static)", justify="right")
 
     def db(value: float | None) -> str:
-        return "not measured" if value is None else f"{value:.2f} dB"
+        return "not measured" if value is None else f"{value:z.2f} dB"
 
     table.add_row("PSNR", db(metrics["psnr"]), db(metrics["psnr_static"]))
     table.add_row("PSNR, moving pixels", db(metrics["psnr_dynamic"]), db(metrics["psnr_dynamic_static"]))
@@ -76,13 +77,15 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
         table.add_row(label, value, beside)
     if metrics.get("activity_rank_correlation") is not None:
         table.add_row(
-            "weights on planes with time against true activity, rank", f"{metrics['activity_rank_correlation']:.2f}", ""
+            "weights on planes with time against true activity, rank",
+            f"{metrics['activity_rank_correlation']:z.2f}",
+            "",
         )
     for label, value in second_drone_rows(metrics):
         table.add_row(label, value, "")
     table.add_row("PSNR of training frames", db(metrics["psnr_training"]), "")
     width, height = metrics["resolution"]
-    where = "GPU" if metrics["device"] == "cuda" else f"{metrics['threads']} thread(s)"
+    where = "GPU" if metrics["device"] == "cuda" else counted(metrics["threads"], "thread")
     table.add_row(f"rendering, {width}x{height}, {where}", f"{metrics['fps']:.1f} fps", "")
     if metrics["fps_cached"] is not None:
         table.add_row(f"rendering from a cache ({metrics['cache']})", f"{metrics['fps_cached']:.1f} fps", "")
@@ -90,6 +93,11 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
     table.add_row("anchors (free Gaussians) / Gaussians drawn", f"{metrics['anchors']} / {metrics['gaussians']}", "")
     table.add_row("neural size / model file", f"{metrics['neural_mib']:.2f} / {metrics['total_mib']:.2f} MiB", "")
     return table
+
+
+def not_measured(metrics: dict[str, Any]) -> list[str]:
+    """Why a network's LPIPS is missing, a sentence each."""
+    return [f"LPIPS ({network}) not measured: {reason}" for network, reason in metrics["lpips_not_measured"].items()]
 
 
 def second_drone_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:

@@ -167,6 +167,6 @@ def _print(comparison: Comparison) -> None:
     for capture in comparison.captures:
         headings, *lines = table_of(comparison, [mean for mean in means if mean.capture == capture])
         print_table(capture, headings, lines + failed_lines(comparison, capture, len(headings)))
-    if len(comparison.captures) > 1 and pooled:
+    if len(comparison.pooled_over()) > 1:
         headings, *lines = table_of(comparison, pooled)
         print_table(POOLED, headings, lines)

@@ -12,6 +12,7 @@ from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.tables import Spread, as_csv, as_markdown
 from aa4d.experiments.trials import Outcome, Trial
 from aa4d.files import write_json, write_text
+from aa4d.words import counted
 
 POOLED = "all captures"
 PLACES = ("**{}**", "<u>{}</u>")  # the best and the second best of a column, as in the paper
@@ -85,6 +86,7 @@ class Comparison:
     conditions: dict[str, Any]  # what was equal, and how it was measured
     rows: list[Row]  # "minutes" and "processor_minutes" among their keys
     failures: tuple[Failure, ...] = ()
+    missing: tuple[str, ...] = ()  # names of runs that are still to be made
 
     @staticmethod
     def of(outcome: Outcome, trials: list[Trial], titles: dict[str, str], conditions: dict[str, Any]) -> Comparison:
@@ -94,7 +96,21 @@ class Comparison:
             for trial in trials
             if trial.name in outcome.failures
         )
-        return Comparison(titles, conditions, rows, tuple(failures))
+        done = {(row["capture"], row["variant"], row["seed"]) for row in rows}
+        missing = (
+            trial.name
+            for trial in trials
+            if trial.name not in outcome.failures and (trial.capture.name, trial.label, trial.seed) not in done
+        )
+        return Comparison(titles, conditions, rows, tuple(failures), tuple(missing))
+
+    @property
+    def unfinished(self) -> str | None:
+        """A sentence that names the runs that are missing; None where all are there or failed."""
+        if not self.missing:
+            return None
+        runs = len(self.rows) + len(self.failures) + len(self.missing)
+        return f"Unfinished: {len(self.missing)} of {counted(runs, 'run')} missing: {'; '.join(self.missing)}."
 
     @property
     def captures(self) -> list[str]:
@@ -124,19 +140,13 @@ class Comparison:
         Only over captures that every entry has with every seed, and without entries of which a run failed, so that all
         means are over the same runs; a score is pooled over the captures that have it.
         """
-        failed = {failure.entry for failure in self.failures}
-        entries = [e for e in self.titles if e not in failed and any(row["variant"] == e for row in self.rows)]
         by_run = {(row["capture"], row["seed"], row["variant"]): row for row in self.rows}
         seeds = sorted({int(row["seed"]) for row in self.rows})
-
-        def everywhere(capture: str, key: str) -> bool:
-            return all(key in by_run.get((capture, seed, e), {}) for seed in seeds for e in entries)
-
         found = []
-        for entry in entries:
+        for entry in self._pooled_entries():
             spreads = {}
             for score in self.scores:
-                captures = [capture for capture in self.captures if everywhere(capture, score.key)]
+                captures = self.pooled_over(score.key)
                 if captures:
                     of_seed = [
                         statistics.fmean(float(by_run[capture, seed, entry][score.key]) for capture in captures)
@@ -146,6 +156,16 @@ class Comparison:
             if spreads:
                 found.append(Mean(POOLED, entry, len(seeds), spreads))
         return found
+
+    def pooled_over(self, key: str = "psnr") -> list[str]:
+        """The captures over which a score is pooled."""
+        entries, seeds = self._pooled_entries(), {int(row["seed"]) for row in self.rows}
+        there = {(row["capture"], row["seed"], row["variant"]) for row in self.rows if key in row}
+        return [c for c in self.captures if entries and all((c, s, e) in there for s in seeds for e in entries)]
+
+    def _pooled_entries(self) -> list[str]:
+        failed = {failure.entry for failure in self.failures}
+        return [e for e in self.titles if e not in failed and any(row["variant"] == e for row in self.rows)]
 
 
 def _minutes(row: Row) -> Row:
@@ -201,6 +221,7 @@ def write_comparison(comparison: Comparison, out: Path, pictures: list[str]) -> 
         "means": [asdict(mean) for mean in means],
         "pooled": [asdict(mean) for mean in pooled],
         "failed": [asdict(failure) for failure in comparison.failures],
+        "missing": comparison.missing,
     }
     write_json(out / "compare.json", document)
     write_text(out / "compare.md", _page(comparison, means, pooled, pictures))
@@ -231,15 +252,18 @@ def _page(comparison: Comparison, means: list[Mean], pooled: list[Mean], picture
         "units, bounds on them) is its own: `settings.toml` in each run. ± is the standard deviation over seeds; the "
         "best value of a column is bold, the second best underlined. What a capture has no truth for is blank.\n"
     )
+    threads, jobs, processors = (counted(c[f"{what}s"], what) for what in ("thread", "job", "processor"))
     cost = (
-        f"FPS is of the complete pipeline (choose, deform, decode, rasterise), {c['threads']} thread(s), one run after "
-        f"the other once all were trained; minutes are of training, {c['jobs']} run(s) at a time on {c['processors']} "
-        "processors, with whatever else the machine did; processor minutes are the run's alone. "
+        f"FPS is of the complete pipeline (choose, deform, decode, rasterise), {threads}, one run "
+        f"after the other once all were trained; minutes are of training, {jobs} at a time on "
+        f"{processors}, with whatever else the machine did; processor minutes are the run's alone. "
         "Neural MiB are networks and planes, MiB the model file. Units are anchors, or free Gaussians; "
         "Gaussians are those drawn.\n"
     )
     parts = ["# Comparison of methods\n", f"`{c['command']}`\n", equal, cost]
-    if len(comparison.captures) > 1 and pooled:
+    if comparison.unfinished is not None:
+        parts.insert(1, f"**{comparison.unfinished}** The same command goes on.\n")
+    if len(comparison.pooled_over()) > 1:
         means_of = "Mean over the captures, for each score over those that have it.\n"
         parts += [f"## {POOLED[0].upper()}{POOLED[1:]}\n", means_of, as_markdown(table_of(comparison, pooled, _placed))]
     for capture in comparison.captures:

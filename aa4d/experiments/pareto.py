@@ -44,7 +44,7 @@ def plot_pareto(comparison: Comparison, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    means, captures = comparison.pooled(), comparison.captures
+    means, captures = comparison.pooled(), comparison.pooled_over()
     rows = [score for score in UP if any(score.key in mean.spreads for mean in means)]
     across = [cost for cost in ACROSS if any(cost.key in mean.spreads for mean in means)]
     if not rows or not across:

@@ -89,7 +89,7 @@ class Spread:
 
 
 def _text(mean: float, error: float | None, digits: int, signed: bool) -> str:
-    text = f"{mean:{'+' if signed else ''}.{digits}f}"
+    text = f"{mean:{'+' if signed else ''}z.{digits}f}"  # "z": what is rounded to zero has no sign of its own
     return text if error is None else f"{text} ±{error:.{digits}f}"
 
 

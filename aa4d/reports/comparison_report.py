@@ -19,6 +19,7 @@ from aa4d.reports.pictures import Detail
 from aa4d.reports.plot import Plot, Series
 from aa4d.reports.results import digest_of_runs, every_run, histories, pictured, runs_of
 from aa4d.reports.scored import Captures
+from aa4d.words import counted
 
 COMPARISON = "compare.json"
 LINKED = ("compare.md", "table.csv", "rows.csv", "pareto.png", COMPARISON)
@@ -30,7 +31,7 @@ def comparison_page(folder: Path, captures: Captures) -> Page:
     runs = runs_of(folder, comparison.rows)
     means, pooled, titles = comparison.means(), comparison.pooled(), comparison.titles
     tables: list[Part] = []
-    if len(comparison.captures) > 1 and pooled:
+    if len(comparison.pooled_over()) > 1:
         tables.append(_table(comparison, pooled, f"{POOLED}, mean over those that have the score"))
     for capture in comparison.captures:
         here = [mean for mean in means if mean.capture == capture]
@@ -62,7 +63,8 @@ def read_comparison(path: Path) -> Comparison:
         failures = tuple(Failure(**failure) for failure in document["failed"])
         titles = {str(entry): str(title) for entry, title in document["methods"].items()}
         rows = [{str(k): v for k, v in row.items()} for row in document["rows"]]
-        comparison = Comparison(titles, dict(document["conditions"]), rows, failures)
+        missing = tuple(map(str, document.get("missing", ())))  # an older version did not write them
+        comparison = Comparison(titles, dict(document["conditions"]), rows, failures, missing)
         known = all(row["variant"] in titles and isinstance(row["seed"], int) for row in rows)
         comparison.means(), comparison.pooled()
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -78,9 +80,8 @@ def _lead(comparison: Comparison) -> str:
     c: dict[str, Any] = comparison.conditions
     methods = {str(row["variant"]) for row in comparison.rows}
     counts = ((methods, "method"), (comparison.captures, "capture"), (comparison.rows, "run"))
-    counted = ", ".join(f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for of, what in counts)
     return (
-        f"{counted}; "
+        f"{', '.join(counted(len(of), what) for of, what in counts)}; "
         f"{c.get('coarse_iterations')} + {c.get('fine_iterations')} iterations of preset {c.get('preset')}. Equal for "
         "all are frames and their split, camera poses, the points that they start from, the rasteriser and the scoring."
     )
@@ -113,7 +114,10 @@ def _failed(comparison: Comparison) -> list[Section]:
         f"{f.capture}, {comparison.titles.get(f.entry, f.entry)}, seed {f.seed}: {f.sentence}"
         for f in comparison.failures
     ]
-    return [Section("Failed", [Text(line, "warning") for line in said])] if said else []
+    sections = [Section("Failed", [Text(line, "warning") for line in said])] if said else []
+    if comparison.unfinished is not None:
+        sections.insert(0, Section("", [Text(comparison.unfinished, "warning")]))
+    return sections
 
 
 def _pareto(comparison: Comparison, means: Sequence[Mean]) -> Section:
@@ -121,13 +125,12 @@ def _pareto(comparison: Comparison, means: Sequence[Mean]) -> Section:
     if len({mean.capture for mean in means}) > 1:  # of one capture, where no mean over all is to be had
         means = [mean for mean in means if mean.capture == means[0].capture]
     plots = [_panel(comparison, means, quality, cost) for quality in UP for cost in ACROSS]
-    captures = comparison.captures
-    where = captures[0] if len(captures) == 1 else means[0].capture if means else ""
-    note = (
-        f"Of {where}. Bars are standard deviations over seeds, the gray line joins what nothing beats in both, the "
-        "star is what aa4d train does where nothing is said."
-    )
-    return Section("Quality against cost", [plot for plot in plots if plot is not None], note)
+    captures = comparison.pooled_over()
+    where = captures[0] if len(captures) == 1 else means[0].capture
+    note = f"Of {where}. Bars are standard deviations over seeds, the gray line joins what nothing beats in both"
+    if any(mean.entry == TRACKED for mean in means):
+        note += ", the star is what aa4d train does where nothing is said"
+    return Section("Quality against cost", [plot for plot in plots if plot is not None], f"{note}.")
 
 
 def _panel(comparison: Comparison, means: Sequence[Mean], quality: Score, cost: Score) -> Plot | None:

@@ -21,6 +21,7 @@ from aa4d.reports.plot import Plot, Series
 from aa4d.reports.results import digest_of_runs, every_run, histories, pictured, rows_from, runs_of
 from aa4d.reports.run_report import flattened
 from aa4d.reports.scored import Captures
+from aa4d.words import counted
 
 INDEX = "experiment.json"
 FILE = "experiment.toml"  # a copy of the experiment file
@@ -43,8 +44,7 @@ def experiment_page(folder: Path, captures: Captures) -> Page:
         (len(titles), "variant"),
         *((len({r[k] for r in rows}), k) for k in ("capture", "seed")),
     )
-    counted = ", ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in counts)
-    lead = f"{counted}. ± is the standard deviation over seeds."
+    lead = f"{', '.join(counted(count, what) for count, what in counts)}. ± is the standard deviation over seeds."
     axis = _file(folder).get("axis")
     plots = _over_knob(axis if isinstance(axis, dict) else {}, rows) or _plots(experiment, rows)
     tabulated = [*_failed(tables), _means(experiment, rows), _differences(experiment, rows), plots]

@@ -81,7 +81,7 @@ def frame_sections(
         parts.append(loop)
     count = len(runs[0].run.frames)
     fewer = f" The {len(held)} of {count} with the worst moving pixels." if len(held) < count and held else ""
-    how = "Draw the divider, or move it with the arrow keys." if slider else ""
+    how = "Drag the divider, or move it with the arrow keys." if slider else ""
     sections = [Section(heading, parts, note=f"Frames that training never saw. {how}{fewer}")]
     if capture is not None:
         sections.append(_worst_section(capture, runs, [name for name, _, _ in scored[:SEARCHED]]))

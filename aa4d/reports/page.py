@@ -106,7 +106,7 @@ def _cell(value: Value | Cell, column: Column) -> Cell:
         return Cell("", is_number=column.is_number)
     if isinstance(value, str):
         return Cell(value, is_number=column.is_number, wraps=len(value) > 60)
-    text = f"{value:.{column.digits}f}" if column.digits is not None else f"{value:.6g}"
+    text = f"{value:z.{column.digits}f}" if column.digits is not None else f"{value:z.6g}"
     return Cell(text, float(value), is_number=column.is_number)
 
 
@@ -121,7 +121,7 @@ class View:
 
 @dataclass(frozen=True)
 class Slider:
-    """Two pictures of one frame with a divider to draw over them; with more than two one chooses which."""
+    """Two pictures of one frame with a divider to drag over them; with more than two one chooses which."""
 
     names: tuple[str, ...]
     views: tuple[View, ...]

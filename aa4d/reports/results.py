@@ -18,6 +18,7 @@ from aa4d.reports.page import Column, Section, Table
 from aa4d.reports.pictures import Detail
 from aa4d.reports.run_report import history_plots
 from aa4d.reports.scored import METRICS, Captures, ScoredRun, scored_run
+from aa4d.words import counted
 
 NAMED = ("capture", "variant")
 MOST_VARIANTS = 12  # in a loop, a slider and a row of cut-outs
@@ -102,7 +103,9 @@ def pictured(
     sections = []
     lacking = [label for (_, label, _), run in runs.items() if run.missing()]
     if lacking:
-        captures.tell(f"{len(lacking)} runs lack pictures of held-out frames, first one of {titles[lacking[0]]}.")
+        captures.tell(
+            f"{counted(len(lacking), 'run')} without pictures of held-out frames, first one of {titles[lacking[0]]}."
+        )
     for name in dict.fromkeys(key[0] for key in runs):
         seed = min(key[2] for key in runs if key[0] == name)
         drawn = [Drawn(titles[label], runs[name, label, seed]) for label in titles if (name, label, seed) in runs]

@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from aa4d.commands.evaluate import metrics_table
+from aa4d.commands.evaluate import metrics_table, not_measured
 from aa4d.errors import InputError
 from aa4d.identity import identity_of
 from aa4d.inspection.history import Row as HistoryRow
@@ -19,6 +19,7 @@ from aa4d.reports.page import Code, Column, Part, Pictures, Section, Table, Text
 from aa4d.reports.pictures import Detail, picture_of
 from aa4d.reports.plot import Plot, Series
 from aa4d.reports.scored import METRICS, Captures, ScoredRun, scored_run
+from aa4d.words import counted
 
 LINKED = ("settings.toml", METRICS, "history.csv", "inspect/index.html", "page/scene.html")
 
@@ -28,8 +29,9 @@ def run_page(folder: Path, captures: Captures) -> Page:
     run = scored_run(folder)
     capture = captures.of(run)
     made_from = {"evaluation": run.digest} | ({} if capture is None else {"capture": capture.identity.digest()})
-    description, title = run.description(), f"Run {folder.resolve().name}"
-    first = [Section("Scores", [_scores(run)]), *_plots(run)]
+    description = run.description()
+    title = _title(folder.resolve(), description)
+    first = [Section("Scores", _scores(run)), *_plots(run)]
     last = [_every_frame(run), _settings(run, description), _identity(run, made_from)]
 
     if note := run.missing():
@@ -50,6 +52,16 @@ def name_of(run: ScoredRun, description: dict[str, Any]) -> str:
     return f"{title} + tracks" if isinstance(training, dict) and training.get("motion") else title
 
 
+def _title(folder: Path, description: dict[str, Any]) -> str:
+    """A run's folder by its name; one of an experiment, which is called after its seed alone, as tables call it."""
+    training, capture = description.get("training"), description.get("capture")
+    if isinstance(training, dict) and isinstance(capture, str):
+        variant, name, seed = folder.parent.name, Path(capture).name, training.get("seed")
+        if folder.name == f"seed{seed}" and folder.parent.parent.name == name:
+            return f"{name}, {variant}, seed {seed}"
+    return f"Run {folder.name}"
+
+
 def _lead(run: ScoredRun, description: dict[str, Any]) -> str:
     said = [name_of(run, description)]
     training = description.get("training")
@@ -58,21 +70,22 @@ def _lead(run: ScoredRun, description: dict[str, Any]) -> str:
         said.append(f"preset {training.get('preset')}, {coarse} + {fine} iterations, seed {seed}")
     if isinstance(description.get("capture"), str):
         said.append(f"trained on {Path(description['capture']).name}")
-    said.append(f"scored on {len(run.frames)} frames that training never saw")
+    said.append(f"scored on {counted(len(run.frames), 'frame')} that training never saw")
     return "; ".join(said) + "."
 
 
-def _scores(run: ScoredRun) -> Table:
+def _scores(run: ScoredRun) -> list[Part]:
     """What `aa4d eval` prints."""
     try:
-        printed = metrics_table(run.metrics)
+        printed, reasons = metrics_table(run.metrics), not_measured(run.metrics)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise InputError(
             f"{run.folder / METRICS}: is damaged or of an older version ({error}); run `aa4d eval {run.trained}` again"
         ) from None
     columns = [Column(str(column.header), is_number=n > 0) for n, column in enumerate(printed.columns)]
     cells = [[str(cell) for cell in column.cells] for column in printed.columns]
-    return Table(columns, [list(row) for row in zip(*cells, strict=True)], sorts=False)
+    table = Table(columns, [list(row) for row in zip(*cells, strict=True)], sorts=False)
+    return [table, *(Text(reason, "note") for reason in reasons)]
 
 
 def _plots(run: ScoredRun) -> list[Section]:

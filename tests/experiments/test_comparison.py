@@ -15,6 +15,7 @@ from aa4d.experiments.comparison_tables import POOLED, Comparison, Failure, fail
 from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.pareto import front, plot_pareto
 from aa4d.experiments.side_by_side import ASPECT, Panel, compose, crops_of, frames_to_show
+from aa4d.experiments.trials import Outcome, Trial
 from aa4d.methods import METHODS
 from aa4d.methods.adaanchor4d.settings import PRESETS
 from aa4d.methods.fourdgs import settings as fourdgs
@@ -98,6 +99,32 @@ def test_what_is_not_there_for_all_is_not_pooled() -> None:
     assert failed.pooled()[0].spreads["psnr"].mean == 26.0
     assert failed_lines(failed, "b", 3) == [["AdaAnchor4D: failed (seed 1)", "", ""]]
     assert failed_lines(failed, "a", 3) == []
+
+
+def test_all_captures_are_named_only_where_the_mean_is_over_several(tmp_path: Path) -> None:
+    complete, unfinished = (Comparison(TITLES, CONDITIONS, rows) for rows in (ROWS, ROWS[:-1]))
+    assert (complete.pooled_over(), unfinished.pooled_over()) == (["a", "b"], ["a"])
+    assert complete.pooled_over("motion_epe_px") == ["a"]
+    for comparison, is_told in ((complete, True), (unfinished, False)):
+        write_comparison(comparison, tmp_path, [])
+        assert ("## All captures" in (tmp_path / "compare.md").read_text()) is is_told
+
+
+def test_a_table_that_is_unfinished_names_the_runs_that_are_missing(tmp_path: Path) -> None:
+    trials = [
+        Trial(Path(c), e, s, PRESETS["quick"], PRESETS["quick"], Path()) for c in "ab" for e in TITLES for s in (0, 1)
+    ]
+    outcome = Outcome(ROWS[:-2], {"b, adaanchor4d, seed 0": "diverged"})
+    comparison = Comparison.of(outcome, trials, TITLES, CONDITIONS)
+    write_comparison(comparison, tmp_path, [])
+    page = (tmp_path / "compare.md").read_text()
+    assert "**Unfinished: 1 of 8 runs missing: b, adaanchor4d, seed 1.** The same command goes on." in page
+    assert json.loads((tmp_path / "compare.json").read_text())["missing"] == ["b, adaanchor4d, seed 1"]
+    write_comparison(Comparison.of(Outcome(ROWS), trials, TITLES, CONDITIONS), tmp_path, [])
+    page = (tmp_path / "compare.md").read_text()
+    assert "Unfinished" not in page
+    assert "2 threads, one run after" in page
+    assert "1 job at a time on 2 processors, with" in page
 
 
 def test_the_best_is_marked_by_what_is_good_and_truth_that_is_not_there_is_blank(tmp_path: Path) -> None:

@@ -102,3 +102,9 @@ def test_the_pooled_table_tells_of_motion_and_activity_and_of_pairs_that_lack_th
     assert line["PSNR static"] == "+2.00 (1 of 2)"
     assert line["training PSNR"] == "+0.00 (1 of 2)"
     assert "| fancy | plain | 2 | +2.00 ±1.00 |" in (tmp_path / "pooled.md").read_text()
+
+
+def test_what_is_rounded_to_zero_has_no_sign_of_its_own() -> None:
+    assert Spread(-0.004, 0.002, 2).text(2) == "0.00 ±0.00"
+    assert Spread(-0.004, None, 1).text(2, signed=True) == "+0.00"
+    assert Spread(-0.006, None, 1).text(2, signed=True) == "-0.01"

@@ -237,3 +237,8 @@ def test_colors_follow_the_system(seen: Watched) -> None:
         brightness[scheme] = np.median(shot)
     assert brightness["light"] > 240
     assert brightness["dark"] < 40
+
+
+def test_a_number_that_is_rounded_to_zero_has_no_sign() -> None:
+    table = Table([Column("gain", 2), Column("gain")], [[-0.004, -0.0], [-0.006, -0.25]])
+    assert [[cell.text for cell in row] for row in table.cells] == [["0.00", "0"], ["-0.01", "-0.25"]]

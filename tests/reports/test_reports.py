@@ -201,6 +201,22 @@ def test_what_has_no_report_is_refused(tmp_path: Path) -> None:
         write_report(Path(__file__))
 
 
+def test_a_run_of_an_experiment_is_titled_as_in_its_tables(ablation: Path, run: Path) -> None:
+    html = write_report(ablation / "capture" / "ACFA" / "seed0").path.read_text("utf-8")
+    assert "<title>capture, ACFA, seed 0</title>" in html
+    assert "<title>Run run</title>" in write_report(run).path.read_text("utf-8")
+
+
+def test_the_page_of_a_run_says_why_lpips_is_missing_and_counts_one_as_one(run: Path) -> None:
+    metrics = json.loads((run / "metrics.json").read_text())
+    changed(lpips={}, lpips_not_measured={"vgg": "no weights at hand"}, threads=1, frames=metrics["frames"][:1])(run)
+    html = write_report(run).path.read_text("utf-8")
+    assert "LPIPS (vgg) not measured: no weights at hand" in html
+    assert ", 1 thread<" in html
+    assert "scored on 1 frame that training never saw" in html
+    assert "Drag the divider" in html
+
+
 def test_captures_that_are_not_there_are_refused_whether_or_not_they_are_looked_for(ablation: Path) -> None:
     shutil.rmtree(ablation / "capture")  # no run is left that would ask for its capture
     with pytest.raises(InputError, match="--captures nowhere: no such capture folder"):
@@ -309,6 +325,22 @@ def test_a_comparison_marks_the_best_and_lists_failures(comparison: Path) -> Non
     assert "seed 1: diverged &lt;script&gt;" in html
     assert "<script>window" not in html
     assert "PSNR against processor minutes" in html
+
+
+def test_a_star_is_explained_where_there_is_one_and_what_is_missing_is_named(comparison: Path) -> None:
+    path = comparison / "compare.json"
+    star = "the star is what aa4d train does where nothing is said"
+    html = write_report(comparison).path.read_text("utf-8")
+    assert star in html
+    assert "Of capture. Bars" in html
+    assert "Unfinished" not in html
+    document = json.loads(path.read_text())
+    rows = [row for row in document["rows"] if row["variant"] != "adaanchor4d+tracks"]
+    lacking = ["capture, adaanchor4d+tracks, seed 0"]
+    path.write_text(json.dumps(document | {"rows": rows, "missing": lacking}))
+    html = write_report(comparison).path.read_text("utf-8")
+    assert star not in html
+    assert "Unfinished: 1 of 4 runs missing: capture, adaanchor4d+tracks, seed 0." in html
 
 
 @pytest.mark.parametrize(
