@@ -22,6 +22,7 @@ from aa4d.graph.costs import Costs
 from aa4d.graph.events import Advanced, Event, Failed, Finished, Said, Started
 from aa4d.graph.remaining import Remaining
 from aa4d.graph.task import Task
+from aa4d.words import counted
 
 SECONDS_BETWEEN_LINES = 10.0
 console = Console(markup=False)  # a path may hold brackets
@@ -125,7 +126,7 @@ class GraphBar:
     def tell_what_was(self) -> None:
         """How many tasks were found done, once."""
         if self._before:
-            self._line(f"{self._before} of {self._remaining.total} tasks were done before")
+            self._line(f"{self._before} of {counted(self._remaining.total, 'task')} done before")
             self._before = 0
 
     def _ended(self, title: str, sentence: str) -> None:

@@ -244,7 +244,7 @@ def _flat(mean: Mean, comparison: Comparison) -> dict[str, str | float]:
 
 def _page(comparison: Comparison, means: list[Mean], pooled: list[Mean], pictures: list[str]) -> str:
     c = comparison.conditions
-    seeds = f"seed {c['seeds'][0]}" if len(c["seeds"]) == 1 else f"{len(c['seeds'])} seeds"
+    seeds = f"seed {c['seeds'][0]}" if len(c["seeds"]) == 1 else counted(len(c["seeds"]), "seed")
     equal = (
         f"{c['coarse_iterations']:,} + {c['fine_iterations']:,} iterations of preset `{c['preset']}`, {seeds}. Equal "
         "for all methods: frames and their split, camera poses, the point cloud that they start from, the number of "

@@ -23,6 +23,7 @@ from aa4d.experiments.outputs import rows_of
 from aa4d.experiments.program import run_as_program
 from aa4d.experiments.tables import as_markdown
 from aa4d.files import make_folder, whole_file, write_json, write_text
+from aa4d.words import counted
 
 Array = NDArray[np.float64]
 PREFIX = "heterogeneity."
@@ -175,10 +176,10 @@ def report(
 def page(rows: list[dict[str, Any]], found: list[Finding]) -> str:
     first = str(rows[0]["variant"])
     about = (
-        f"{found[0].scenes} scenes, {found[0].seeds} seed(s). Gains over `{first}`, seed by seed, in the mean over "
-        f"scenes; a slope is what the gain changes from the least to the greatest value of the index. In brackets: "
-        f"{LEVEL:.0%} intervals of {DRAWS:,} bootstrap draws over scenes, and seeds within them. A slope whose "
-        "interval holds zero says nothing.\n"
+        f"{counted(found[0].scenes, 'scene')}, {counted(found[0].seeds, 'seed')}. Gains over "
+        f"`{first}`, seed by seed, in the mean over scenes; a slope is what the gain changes from the "
+        f"least to the greatest value of the index. In brackets: {LEVEL:.0%} intervals of {DRAWS:,} bootstrap draws "
+        "over scenes, and seeds within them. A slope whose interval holds zero says nothing.\n"
     )
     lines = ["# Scores against heterogeneity\n", about]
     for key in dict.fromkeys(finding.score for finding in found):

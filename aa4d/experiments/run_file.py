@@ -21,6 +21,7 @@ from aa4d.graph.store import Store
 from aa4d.graph.task import Task, in_order
 from aa4d.output_folder import claim_folder, index_in
 from aa4d.reports.report import closing_line
+from aa4d.words import counted
 
 INDEX = "experiment.json"
 COPY = "experiment.toml"
@@ -107,9 +108,9 @@ def summary(planned: list[Planned], tasks: tuple[Task, ...], slots: int) -> str:
     """How long what is to do will take, in a sentence."""
     to_do = [entry for entry in planned if entry.state != DONE]
     if not to_do:
-        return f"all {len(planned)} tasks are done"
+        return f"all is done: {counted(len(planned), 'task')}"
     known = {entry.task.digest: entry.seconds for entry in to_do if entry.seconds is not None}
-    begin = f"{len(to_do)} of {len(planned)} tasks to do, {slots} at a time"
+    begin = f"{len(to_do)} of {counted(len(planned), 'task')} to do, {slots} at a time"
     if not known:
         return f"{begin}; how long they take is not known: none of their kinds has been measured (--costs)"
     unknown = sorted({entry.task.kind for entry in to_do if entry.seconds is None})

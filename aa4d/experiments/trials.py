@@ -25,6 +25,7 @@ from aa4d.methods.adaanchor4d.settings import AdaAnchor4DSettings
 from aa4d.methods.settings import RunSettings
 from aa4d.output_folder import claim_folder
 from aa4d.training.run_folder import difference, what_counts
+from aa4d.words import counted
 
 INDEX = "experiment.json"
 
@@ -53,9 +54,9 @@ class Outcome:
     def checked(self) -> list[Row]:
         """The rows. Raises InputError where a trial failed; the others were run."""
         if self.failures:
-            runs = len(self.rows) + len(self.failures)
+            runs = counted(len(self.rows) + len(self.failures), "run")
             raise InputError(
-                f"{len(self.failures)} of {runs} runs failed; first error: {next(iter(self.failures.values()))}; "
+                f"{len(self.failures)} of {runs} failed; first error: {next(iter(self.failures.values()))}; "
                 "the same command tries again"
             )
         return self.rows

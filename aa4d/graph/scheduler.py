@@ -16,6 +16,7 @@ from aa4d.graph.kinds import Kept
 from aa4d.graph.store import Store
 from aa4d.graph.task import Task, in_order
 from aa4d.graph.work import Job
+from aa4d.words import counted
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,8 @@ def run_graph(tasks: Sequence[Task], store: Store, engine: Engine, tell: Tell) -
             run.all()
     except KeyboardInterrupt:
         engine.stop()
-        done = f"{len(run.outcome.kept)} of {len(run.tasks)}"
-        raise Interrupted(f"stopped; {done} tasks are done, and the same command continues") from None
+        done = f"{len(run.outcome.kept)} of {counted(len(run.tasks), 'task')}"
+        raise Interrupted(f"stopped; {done} done, and the same command continues") from None
     finally:
         engine.close()
     return run.outcome
@@ -138,8 +139,8 @@ def check(outcome: Outcome) -> None:
     if tried:
         skipped = len(outcome.failures) - len(tried)
         also = f", {skipped} that need them were not tried" if skipped else ""
-        total = len(outcome.failures) + len(outcome.kept)
+        total = counted(len(outcome.failures) + len(outcome.kept), "task")
         raise InputError(
-            f"{len(tried)} of {total} tasks failed{also}; first: {tried[0].task.title}: {tried[0].sentence}; "
+            f"{len(tried)} of {total} failed{also}; first: {tried[0].task.title}: {tried[0].sentence}; "
             "the same command tries again"
         )

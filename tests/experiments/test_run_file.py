@@ -86,7 +86,7 @@ def test_runs_are_trained_scored_and_tabulated_and_stay(
     assert f"{json.loads(scored.read_text())['psnr']}" in row
     before = {path: path.stat().st_mtime_ns for path in (out / "train").rglob("*") if path.is_file()}
     assert aa4d(monkeypatch, *command) == 0
-    assert "5 of 5 tasks were done before" in capsys.readouterr().out
+    assert "5 of 5 tasks done before" in capsys.readouterr().out
     assert {path: path.stat().st_mtime_ns for path in (out / "train").rglob("*") if path.is_file()} == before
 
 

@@ -219,7 +219,7 @@ def test_a_stopped_or_killed_sweep_leaves_no_process_and_continues(
     _, said = process.communicate(timeout=60)
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert re.search(r"0 of 3 tasks are done, and the same command continues", said)
+        assert re.search(r"0 of 3 tasks done, and the same command continues", said)
         assert (out / "capture/1.5-bins/seed0/model.safetensors").exists()
     # The lock of a run is free once its process is gone; else the same command would be refused.
     result = subprocess.run(

@@ -123,7 +123,7 @@ def test_a_task_for_which_no_machine_is_large_enough_is_refused_and_one_that_is_
             raise KeyboardInterrupt
 
     engine = engine_of("ray", Means(address=cluster.address))
-    with pytest.raises(Interrupted, match="stopped; 0 of 2 tasks are done"):
+    with pytest.raises(Interrupted, match="stopped; 0 of 2 tasks done"):
         run_graph([large, gated], Store(tmp_path), engine, stop_once_it_runs)
     failed = next(event for event in events if isinstance(event, Failed))
     assert failed.sentence == "no machine of the cluster has 64 cores and 1 GPUs; add one, or ask for less"

@@ -270,7 +270,7 @@ def test_a_killed_or_stopped_graph_leaves_no_process_and_continues(tmp_path: Pat
     process.send_signal(how)
     _, said = process.communicate(timeout=30)
     if how != signal.SIGKILL:
-        assert "stopped; 1 of 3 tasks are done, and the same command continues" in said
+        assert "stopped; 1 of 3 tasks done, and the same command continues" in said
     gate.touch()
     subprocess.run(command, env=environment, check=True, timeout=60)
     assert log.read_text().split().count("leaf") == 1
@@ -284,7 +284,7 @@ def test_ctrl_c_in_this_process_is_interrupted(tmp_path: Path) -> None:
         if isinstance(event, Advanced):
             raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted, match="stopped; 0 of 1 tasks are done"):
+    with pytest.raises(Interrupted, match="stopped; 0 of 1 task done"):
         run_graph([toy("one")], Store(tmp_path), engine_of("inline", Means()), interrupt)
     assert run([toy("one")], tmp_path)[0].failures == {}
 
