@@ -154,7 +154,7 @@ def _settings(head: Head, name: str, variant: Any, common: Mapping[str, Any], pl
         if isinstance(table, Mapping) and "preset" in table:
             # Its values would be those of one preset and its name that of another.
             raise InputError(f"{where('preset')}: `preset`, at the top of the file, is that of all; leave this out")
-    return Given(tuple(layers)).applied(base)
+    return Given(tuple(layers)).applied(base, withheld=("seed", "preset"))
 
 
 def _switches(modules: Any, where: str) -> dict[str, bool]:

@@ -7,7 +7,7 @@ import difflib
 import json
 import math
 import types
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -22,24 +22,26 @@ LARGEST = 2**63 - 1  # of a whole number: TOML's and torch's own
 Place = Callable[[str], str]
 
 
-def changed(base: T, table: Mapping[str, Any], place: Place) -> T:
+def changed(base: T, table: Mapping[str, Any], place: Place, withheld: Collection[str] = ()) -> T:
     """A copy of the dataclass instance `base` with what `table` says in place of its own.
 
     A nested dataclass is a table of its keys, of which those left out stay. An optional one is off with "none", and a
     table of any of its keys, or an empty one, turns it on. Ranges and names are declared in annotations
     (aa4d/settings/allowed.py); what a class refuses in `__post_init__` with a ValueError is refused here. `BESIDE` of a
-    class: keys that its caller takes out of the table first, named with those that are allowed.
+    class: keys that its caller takes out of the table first, named with those that are allowed. `withheld`: keys that
+    its caller refuses, which are not.
 
     Raises:
         InputError: an unknown key, a wrong type, or a value that is not allowed: who gave it, which, what is allowed.
     """
-    return _Checker(type(base), place).record(type(base), base, table, "")
+    return _Checker(type(base), place, withheld).record(type(base), base, table, "")
 
 
 @dataclass(frozen=True)
 class _Checker:
     root: type
     place: Place
+    withheld: Collection[str] = ()  # of the keys at the top
 
     def fail(self, where: str, message: str) -> InputError:
         return InputError(f"{self.place(where)}: {message}")
@@ -55,6 +57,7 @@ class _Checker:
         for name, value in table.items():
             if name not in fields:
                 here = [*fields, *getattr(cls, "BESIDE", ())]
+                here = [key for key in here if where or key not in self.withheld]
                 meant = self.meant(name, here, prefix)
                 hint = f"did you mean {meant}? Allowed" if meant else "allowed"
                 raise self.fail(prefix + _quoted(name), f"unknown key; {hint} here: {', '.join(here)}")

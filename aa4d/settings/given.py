@@ -74,14 +74,15 @@ class Given:
                 raise InputError(f"{place_of_other} {other}: {first} says {name}; leave one of them out")
         return name
 
-    def applied(self, base: T, *, chosen: Collection[str] = ()) -> T:
-        """`base` with everything that is given. Keys in `chosen` have been asked for with `chosen`.
+    def applied(self, base: T, *, chosen: Collection[str] = (), withheld: Collection[str] = ()) -> T:
+        """`base` with everything that is given. Keys in `chosen` have been asked for with `chosen`, those in `withheld`
+        have been refused and are not said to be allowed.
 
         Raises:
             InputError: see `changed`.
         """
         for table, place in self.layers:
-            base = changed(base, {key: value for key, value in table.items() if key not in chosen}, place)
+            base = changed(base, {key: value for key, value in table.items() if key not in chosen}, place, withheld)
         return base
 
 

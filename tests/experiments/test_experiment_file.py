@@ -183,3 +183,12 @@ def test_a_scene_file_is_told_from_an_experiment() -> None:
     for path in scenes:
         with pytest.raises(InputError, match=r"looks like a scene file .*; name an experiment file"):
             read_experiment(path)
+
+
+def test_keys_that_the_top_of_the_file_has_are_not_offered_among_settings(toy_capture: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        read_experiment(write(toy_capture.parent, GOOD.replace("checkpoint_every = 7", "checkpoint_evry = 7")))
+    said, allowed = str(refused.value).split("Allowed here: ")
+    assert said.endswith("settings.checkpoint_evry: unknown key; did you mean checkpoint_every? ")
+    assert "coarse_iterations" in allowed.split(", ")
+    assert not {"seed", "preset"} & set(allowed.split(", "))
