@@ -42,7 +42,7 @@ demo: $(VENV)/installed
 
 test: lint
 	@echo "== tests"
-	$(BIN)/python -m pytest -m "not slow" --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0
+	$(BIN)/python -m pytest -m "not slow" --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0 --durations 15
 
 test-slow: $(VENV)/installed
 	$(BIN)/python -m pytest -m slow
