@@ -50,7 +50,8 @@ def decoded(clip: Clip) -> Iterator[dict[str, NDArray[np.float32]]]:
             "color": g.colors,
         }
         if g.harmonics is not None:
-            values["harmonics"] = g.coefficients().reshape(len(rotation), -1)
+            coefficients = g.coefficients()
+            values["harmonics"] = coefficients.reshape(len(rotation), 3 * coefficients.shape[1])
         yield {name: value.astype(np.float32) for name, value in values.items()}
 
 

@@ -47,7 +47,7 @@ def write_splat_ply(path: Path, gaussians: WorldGaussians, comments: Sequence[st
             g.means,
             np.zeros_like(g.means),  # normals: part of the layout, used by nobody
             coefficients[:, 0],
-            coefficients[:, 1:].swapaxes(1, 2).reshape(len(g.means), -1),
+            coefficients[:, 1:].swapaxes(1, 2).reshape(len(g.means), 3 * (coefficients.shape[1] - 1)),
             logit(g.opacities)[:, None],
             np.log(np.maximum(g.scales, THINNEST_M)),
             g.quaternions,

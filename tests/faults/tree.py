@@ -21,8 +21,8 @@ DAMAGED = "damaged"
 TIMES = re.compile(
     r"(setup|load|picture|truth|clip)_s$|seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes|^frames/s$"
 )
-# Of the record of a task: when its files were made, and digests, which times are in.
-RECORD = frozenset({"files", "sum", "made_from"})
+# Of the record of a task and of a trial's row: when files were made, and digests, which times are in.
+RECORDS = (frozenset({"files", "sum", "made_from"}), frozenset({"sum", "model"}))
 # Their content is not compared: what is in them stands in other files too, beside times and paths.
 NOT_COMPARED = re.compile(
     r"(^|/)(\.|stopped\.json|cost\.json|tensorboard/|.*\.(html|db|blend|svg|md|png\.json)$)|(^|/)(pareto|compare).*\.png$"
@@ -108,7 +108,8 @@ def _parsed(text: str) -> Any:
 
 def _without_times(value: Any) -> Any:
     if isinstance(value, dict):
-        if value.keys() >= RECORD:
-            value = {key: entry for key, entry in value.items() if key not in RECORD}
+        for record in RECORDS:
+            if value.keys() >= record:
+                value = {key: entry for key, entry in value.items() if key not in record}
         return {key: _without_times(entry) for key, entry in value.items() if not TIMES.search(key)}
     return [_without_times(entry) for entry in value] if isinstance(value, list) else value

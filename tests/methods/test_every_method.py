@@ -156,8 +156,8 @@ def test_what_stands_still_is_exported_too(run: Path, tmp_path: Path) -> None:
 
 
 def test_no_file_outside_of_the_methods_knows_one() -> None:
-    """But for what is AdaAnchor4D's own: the paper's ablations, the default of commands, a long run."""
-    own = ("experiments/", "commands/", "stress/")
+    """But for what is AdaAnchor4D's own: the paper's ablations, the default of commands, a long run, costs."""
+    own = ("experiments/", "commands/", "stress/", "cost/")
     for path in (ROOT / "aa4d").rglob("*.py"):
         where = path.relative_to(ROOT / "aa4d").as_posix()
         for name in METHODS:

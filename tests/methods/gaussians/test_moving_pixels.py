@@ -22,7 +22,8 @@ def short(name: str) -> RunSettings:
         return replace(settings, voxel_px=1.0, model=replace(settings.model, width=128), rates=rates)
     if isinstance(settings, Grid4DSettings):
         grids = replace(settings.model, place_levels=4, place_finest=64, time_levels=4, time_finest=64, width=64)
-        return replace(settings, model=grids)
+        rates = replace(settings.rates, deformation=Decay(5e-3, 5e-5), grids=Decay(5e-2, 5e-4))
+        return replace(settings, model=grids, rates=rates)
     return settings
 
 
