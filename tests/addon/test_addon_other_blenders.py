@@ -96,8 +96,10 @@ def test_in_blender_5_3() -> None:
 
 
 def test_in_blender_5_2() -> None:
-    summary = run_tests(environment(".venv-blender52", "3.13", "5.2.*"), ESSENTIAL, 600)
-    assert int(re.findall(r"(\d+) passed", summary)[-1]) > 40
+    """What artists do first; the slow tests do the rest."""
+    first = f"({ESSENTIAL}) and (import or bake or drop or playback)"
+    summary = run_tests(environment(".venv-blender52", "3.13", "5.2.*"), first, 600)
+    assert int(re.findall(r"(\d+) passed", summary)[-1]) > 20
 
 
 @pytest.mark.slow
