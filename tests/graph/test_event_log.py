@@ -57,6 +57,7 @@ def test_of_a_task_s_advances_one_now_and_then_and_the_last_are_written(tmp_path
 
 def test_a_log_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
     EventLog(tmp_path / "no such folder" / "events.jsonl")(Started(toy("one")))
+    assert not list(tmp_path.iterdir())
 
 
 def test_facts_are_curves_by_task(tmp_path: Path) -> None:

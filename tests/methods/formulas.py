@@ -1,6 +1,7 @@
 """Formulas that several methods share, written out in loops over floats."""
 
 import math
+from typing import Any
 
 import torch
 from torch import nn
@@ -57,3 +58,12 @@ def product_of_planes(field: FeaturePlanes, place: list[float], t: float) -> lis
             product = [p * v for p, v in zip(product, texel(level[plane], u[plane[0]], u[plane[1]]), strict=True)]
         features += product
     return features
+
+
+def changed(quaternion: list[float], log_scale: list[float], turn: list[float], growth: list[float]) -> dict[str, Any]:
+    """D3DGS's unit quaternion plus a turn, and scale plus a growth, of either sign."""
+    norm = math.sqrt(sum(v * v for v in quaternion))
+    return {
+        "quaternion": [a / norm + b for a, b in zip(quaternion, turn, strict=True)],
+        "log_scale": [math.log(abs(math.exp(a) + b)) for a, b in zip(log_scale, growth, strict=True)],
+    }

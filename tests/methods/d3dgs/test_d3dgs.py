@@ -16,7 +16,7 @@ from aa4d.methods.d3dgs.network import ROWS, DeformationNetwork
 from aa4d.methods.d3dgs.settings import PRESETS, D3DGSSettings, ModelConfig
 from aa4d.methods.gaussians.model import blank_rows
 from aa4d.training.optimiser import edit_units, make_optimiser
-from tests.methods.formulas import linear, relu
+from tests.methods.formulas import changed, linear, relu
 
 CONFIG = ModelConfig(width=7, depth=4, skip=1, place_frequencies=3, time_frequencies=2)
 
@@ -58,14 +58,8 @@ def test_the_deformation_agrees_with_the_formulas_number_by_number() -> None:
     for n in range(len(model)):
         shift, turn, growth = changes(model.network, rows.position[n].tolist(), t)
         quaternion = rows.quaternion[n].tolist()
-        norm = math.sqrt(sum(v * v for v in quaternion))
-        expected = {
-            "position": [a + b for a, b in zip(rows.position[n].tolist(), shift, strict=True)],
-            "quaternion": [a / norm + b for a, b in zip(quaternion, turn, strict=True)],
-            "log_scale": [
-                math.log(abs(math.exp(a) + b)) for a, b in zip(rows.log_scale[n].tolist(), growth, strict=True)
-            ],
-        }
+        expected = {"position": [a + b for a, b in zip(rows.position[n].tolist(), shift, strict=True)]}
+        expected |= changed(quaternion, rows.log_scale[n].tolist(), turn, growth)
         for name, values in expected.items():
             assert getattr(after, name)[n].tolist() == pytest.approx(values, rel=1e-9, abs=1e-9), name
     for name in ("opacity", "sh_constant", "sh_rest"):

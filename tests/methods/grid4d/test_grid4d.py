@@ -20,7 +20,7 @@ from aa4d.methods.grid4d.method import METHOD
 from aa4d.methods.grid4d.model import Grid4D
 from aa4d.methods.grid4d.settings import PRESETS, ModelConfig
 from aa4d.methods.model_file import load_model, read_tensors, save_model
-from tests.methods.formulas import linear, relu, sigmoid
+from tests.methods.formulas import changed, linear, relu, sigmoid
 
 SMALL = ModelConfig(
     table=6, place_levels=2, place_coarsest=3, place_finest=8, time_levels=2, time_coarsest=3, time_finest=6,
@@ -132,14 +132,8 @@ def test_the_deformation_agrees_with_the_formulas_number_by_number(depth: int) -
             h = relu(linear(layer, h))
         motion, turn, growth = (linear(x, h) for x in (model.head_motion, model.head_quaternion, model.head_scale))
         moved = rotate([motion[0] + 1, *motion[1:4]], position)
-        norm = math.sqrt(sum(v * v for v in quaternion))
-        expected = {
-            "position": [a + b for a, b in zip(moved, motion[4:], strict=True)],
-            "quaternion": [a / norm + b for a, b in zip(quaternion, turn, strict=True)],
-            "log_scale": [
-                math.log(abs(math.exp(a) + b)) for a, b in zip(rows.log_scale[n].tolist(), growth, strict=True)
-            ],
-        }
+        expected = {"position": [a + b for a, b in zip(moved, motion[4:], strict=True)]}
+        expected |= changed(quaternion, rows.log_scale[n].tolist(), turn, growth)
         for name, values in expected.items():
             assert getattr(after, name)[n].tolist() == pytest.approx(values, rel=1e-9, abs=1e-9), name
     for name in ("opacity", "sh_constant", "sh_rest"):
