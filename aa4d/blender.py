@@ -26,7 +26,7 @@ def script(relative: str) -> Path:
 
 
 def blender_is_here() -> bool:
-    """Whether `run_in_blender` would find one."""
+    """Tell whether `run_in_blender` would find one."""
     return importlib.util.find_spec("bpy") is not None or shutil.which("blender") is not None
 
 

@@ -28,7 +28,7 @@ ROWS, COLUMNS = ("top", "middle", "bottom"), ("left", "center", "right")
 
 @dataclass(frozen=True)
 class Overlay(StepResult):
-    share: float  # of the pixels; 0 where nothing is burned in
+    share: float  # fraction of the pixels; 0 where nothing is burned in
 
     @property
     def mask(self) -> Path:
@@ -98,7 +98,7 @@ def overlay_note(files: list[Path]) -> str | None:
 
 
 def covered(still: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.bool_]:
-    """What outlines of `still_in` enclose, with a border, in frames of `size` (width, height)."""
+    """[H, W] pixels that outlines of `still_in` enclose, with a border, in frames of `size` (width, height)."""
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (AROUND_PX, AROUND_PX))
     inside = cv2.getStructuringElement(cv2.MORPH_RECT, (FILLED_PX, FILLED_PX))
     filled = cv2.dilate(cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_CLOSE, inside), around)

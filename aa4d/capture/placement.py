@@ -68,7 +68,7 @@ class Placement:
         }
 
     def of_pinhole(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """What of a mask of all the clip's frames is seen by the pinhole camera, whichever lens took the frame."""
+        """Mask of all the clip's frames as the pinhole camera sees it, whichever lens took the frame."""
         cameras = {camera.camera_id: camera for camera in self.cameras}
         white = np.where(mask, 255, 0).astype(np.uint8)
         seen = [Undistortion(camera, self.pinhole).mask(white) > 0 for camera in cameras.values()]

@@ -69,7 +69,7 @@ def frames_seen(files: list[Path], K: Floats, size: tuple[int, int], viewmats: F
 
 
 def moving_pixels(off: NDArray[np.float32], first: Mask) -> Mask:
-    """What moves, with a border, of the size of `first`: the first look's mask.
+    """Mask of what moves, with a border, of the size of `first`: the first look's mask.
 
     Args:
         off: [H, W] pixels by which no static depth explains what is seen.

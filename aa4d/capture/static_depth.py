@@ -1,4 +1,4 @@
-"""What no static point explains, at whatever depth: how movers differ from things that stand, once cameras are known.
+"""Pixels that no static point explains, at whatever depth: how movers differ from what stands, once cameras are known.
 
 A static point has one depth, at which the frames before and after show it where they should (a plane sweep: Collins, A
 space-sweep approach to true multi-image matching, CVPR 1996). What looks alike in them at no depth that the scene has
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 AROUND = 2  # frames compared on each side
-PAIRS = ((0, 1), (2, 3), (1, 2))  # of those four in order: one pair has to agree
+PAIRS = ((0, 1), (2, 3), (1, 2))  # Of those four in order: one pair has to agree.
 WAY_PX = 16.0  # by which the nearest and the farthest depth come apart between the frames compared, at least
 FARTHEST = 4  # frames from one that is compared to the next, where the drone is slow
 DEPTHS = 48

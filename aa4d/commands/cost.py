@@ -34,7 +34,7 @@ def cost(
         tuple[Path, ...], arg(help="Folders of other reports, by whose measured times this one's is foretold.")
     ] = (),
 ) -> None:
-    """What accuracy costs in time, from rendering to playback: plots, tables. Stopped, the same command continues."""
+    """Report what accuracy costs in time, from rendering to playback. Stopped, the same command continues."""
     from aa4d.cost.panel import SIZES, Setup
     from aa4d.cost.run import run_cost, show_plan
     from aa4d.errors import InputError

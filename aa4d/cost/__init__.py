@@ -1,4 +1,4 @@
-"""What accuracy costs in time, over the whole product: panels of points, each measured in the run that reports it."""
+"""Costs of accuracy in time, over the whole product: panels of points, each measured in the run that reports it."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ DEARER = {"d3dgs": 4.2, "speede": 4.2, "fourdgs": 1.7, "modec": 1.6, "sdgs": 1.6
 
 
 def costs(tasks: Sequence[Task], size: str, stores: Iterable[Store]) -> Costs:
-    """What has been measured, in the stores, and a rough estimate of all else."""
+    """Costs that were measured, in the stores, and a rough estimate of all else."""
     known = Costs(stores)
     for task in [task for task in tasks if known.seconds(task) is None]:
         dearer = DEARER.get(task.alike.partition(" ")[0], 1.0)

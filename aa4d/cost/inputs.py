@@ -1,4 +1,4 @@
-"""What panels share: a capture, smaller versions of it, and trainings on them. Each is a task, and made once."""
+"""Inputs that panels share: a capture, smaller versions of it, and trainings on them. Each is a task, and made once."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def cost_task(
 
 
 def run(call: Call) -> dict[str, Any]:
-    """What was measured, and the load average before. Raises what the panel's function raises."""
+    """Measurements of a panel, and the load average before. Raises what the panel's function raises."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     return {**import_module(call.task.settings.module).measure(call), "load": load}
 
