@@ -11,12 +11,12 @@ from aa4d.settings.toml import read_toml, toml_value
 
 
 def derived(scene: Path, name: str, changes: Mapping[str, Any]) -> str:
-    """The text of the scene `name`: `scene` with `changes`, and with the files that it names where they lie.
+    """The text of the scene `name`: `scene` with `changes`. The files that it names lie as seen from `scene`.
 
     Raises:
         InputError: `scene` cannot be read.
     """
-    table = merged(_with_whole_paths(read_toml(scene, "scene file"), scene.resolve().parent), changes)
+    table = merged(read_toml(scene, "scene file"), changes)
     return "".join(f"{json.dumps(key)} = {_inline(value)}\n" for key, value in (table | {"name": name}).items())
 
 
@@ -30,16 +30,6 @@ def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
         else:
             found[key] = value
     return found
-
-
-def _with_whole_paths(value: Any, folder: Path) -> Any:
-    """The derived file lies elsewhere."""
-    if isinstance(value, dict):
-        return {key: _with_whole_paths(inner, folder) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_with_whole_paths(inner, folder) for inner in value]
-    is_file = isinstance(value, str) and value and (folder / value).is_file()
-    return str(folder / value) if is_file else value
 
 
 def _inline(value: Any) -> str:

@@ -41,7 +41,7 @@ SCENE = (
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "s.toml").write_text(SCENE)
-    (tmp_path / "t.csv").write_text("")
+    (tmp_path / "t.csv").write_text("a row")
     return tmp_path
 
 
@@ -56,7 +56,7 @@ def test_a_derived_scene_has_the_changes_and_all_else_of_the_scene(folder: Path)
     assert tomllib.loads(text) == {
         "name": "s-24",
         "time": {"fps": 24.0, "frames": 9},
-        "tracks": {"file": str(folder / "t.csv"), "bridge_s": 0.5},
+        "tracks": {"file": "t.csv", "bridge_s": 0.5},
         "blocks": [{"floors": [2, 3]}],
         "effects": {"motion_blur": {"exposure_s": 0.01}},
     }
@@ -71,6 +71,7 @@ def test_every_value_of_the_knob_is_a_scene_of_its_own(folder: Path) -> None:
     ]
     with renders[1].settings.file() as scene:
         table = tomllib.loads(scene.read_text())
+        assert (scene.parent / "t.csv").read_text() == "a row"  # synth takes only what lies beside a scene
     assert (scene.name, table["name"], table["time"]) == ("s-24.toml", "s-24", {"fps": 24, "frames": 96})
     assert not scene.exists()
     assert [entry.named for entry in tables.settings.entries] == [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,7 +20,7 @@ from aa4d.graph.child import run_child
 from aa4d.graph.kinds import Kind
 from aa4d.graph.task import location
 from aa4d.identity import digest_of
-from aa4d.scene_files import scene_digest
+from aa4d.scene_files import files_named_in, scene_digest
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,11 @@ class Rendering:
             return
         with TemporaryDirectory(prefix="aa4d-scene-") as folder:
             path = Path(folder) / f"{self.name}.toml"
+            for named in files_named_in(self.path):  # synth takes only what lies in a scene's folder or below it
+                place = Path(folder) / os.path.relpath(named, self.path.parent)
+                if place.resolve().is_relative_to(Path(folder).resolve()):  # else synth refuses it by its name
+                    place.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(named, place)
             write_text(path, derived(self.path, self.name, self.changes))
             yield path
 
