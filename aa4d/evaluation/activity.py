@@ -10,7 +10,6 @@ from PIL import Image
 from torch import Tensor
 
 from aa4d.capture.reader import Capture
-from aa4d.capture.truth import instance_ids_of
 from aa4d.errors import InputError
 
 CLASSES = ("static", "intermittent", "persistent", "appearance-only", "unseen")  # by label
@@ -36,20 +35,6 @@ def activity_labels(capture: Capture, index: int) -> NDArray[np.uint8] | None:
     if labels.max() >= len(CLASSES):
         raise InputError(f"{path}: holds label {labels.max()}, known are 0 to {len(CLASSES) - 1}; update aa4d")
     return labels
-
-
-def swept_ground(capture: Capture, index: int, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """[H, W] 1 where a frame shows ground that something drives over at another time, 0 elsewhere: where ghosts show.
-
-    Args:
-        labels: of the frame, by `activity_labels`.
-
-    Raises:
-        InputError: the truth is damaged.
-    """
-    instance_id = instance_ids_of(capture, index)
-    moves = np.isin(labels, [CLASSES.index(name) for name in ("intermittent", "persistent")])
-    return (moves if instance_id is None else moves & (instance_id == 0)).astype(np.uint8)
 
 
 class PooledError:

@@ -18,7 +18,7 @@ from aa4d.capture.reader import Capture, read_capture, read_image
 from aa4d.capture.truth import moving_mask
 from aa4d.device import DeviceName, choose_device
 from aa4d.errors import InputError
-from aa4d.evaluation.activity import PooledError, activity_labels, swept_ground
+from aa4d.evaluation.activity import PooledError, activity_labels
 from aa4d.evaluation.activity_share import rank_correlation
 from aa4d.evaluation.image_metrics import StructuralSimilarity, capped, psnr
 from aa4d.evaluation.lpips import Network
@@ -28,6 +28,7 @@ from aa4d.evaluation.plots import plot_psnr
 from aa4d.evaluation.second_drone import FOLDER as SECOND_DRONE
 from aa4d.evaluation.second_drone import ViewScores, score_second_drone, scored_frames, second_capture
 from aa4d.evaluation.speed import TIMED_FRAMES, WARM_UP_FRAMES, measure_speed, neural_mib
+from aa4d.evaluation.swept_ground import SweptGround
 from aa4d.evaluation.views import as_float, render_frame, save_png
 from aa4d.files import make_folder, write_json
 from aa4d.identity import Identity, digest_of
@@ -165,6 +166,7 @@ def evaluate(
     scores, static_psnrs = [], []
     by_class, by_class_static = PooledError(), PooledError()
     swept, swept_static = PooledError(GROUND), PooledError(GROUND)
+    ground = SweptGround(capture)
     for index in held_out:
         frame = capture.frames[index]
         truth = as_float(read_image(capture, frame))
@@ -176,14 +178,15 @@ def evaluate(
             save_png(out / f"{frame.name}_static.png", picture)
             frozen = as_float(picture)
             static_psnrs.append(capped(psnr(frozen, truth)))
-        labels = activity_labels(capture, index)
-        if labels is not None:
-            ground = swept_ground(capture, index, labels)
-            by_class.add(image, truth, labels)
-            swept.add(image, truth, ground)
-            if frozen is not None:
-                by_class_static.add(frozen, truth, labels)
-                swept_static.add(frozen, truth, ground)
+        regions = (
+            (activity_labels(capture, index), by_class, by_class_static),
+            (ground.of_frame(index), swept, swept_static),
+        )
+        for region, errors, errors_static in regions:
+            if region is not None:
+                errors.add(image, truth, region.astype(np.uint8))
+                if frozen is not None:
+                    errors_static.add(frozen, truth, region.astype(np.uint8))
         scores.append(_score(capture, index, truth, image, frozen, perceptual))
         steps.next()
     training_scores = []

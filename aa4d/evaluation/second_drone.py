@@ -22,6 +22,7 @@ from aa4d.errors import InputError
 from aa4d.evaluation.image_metrics import StructuralSimilarity, capped, psnr
 from aa4d.evaluation.lpips import Network
 from aa4d.evaluation.lpips_weights import Perceptual
+from aa4d.evaluation.surface import surface_points
 from aa4d.evaluation.true_motion import true_viewmats
 from aa4d.evaluation.views import as_float, render_pose, save_png
 from aa4d.files import make_folder
@@ -158,11 +159,8 @@ def seen_pixels(second: Capture, index: int, training: list[TrainingDepth]) -> N
     depth, moving = depth_of(second, index), moving_mask(second, index)
     if depth is None or moving is None or not training:
         return None
-    c = second.camera
     v, u = np.nonzero(np.isfinite(depth) & ~moving)
-    rays = np.stack([(u + 0.5 - c.K[0, 2]) / c.K[0, 0], (v + 0.5 - c.K[1, 2]) / c.K[1, 1], np.ones(len(u))])
-    pose = np.linalg.inv(second.frames[index].viewmat)
-    points = pose[:3, :3] @ (rays * depth[v, u]) + pose[:3, 3:]
+    points = surface_points(second.camera.K, second.frames[index].viewmat, depth)[v, u].T
     shown = np.zeros(len(u), bool)
     for view in training:
         shown[~shown] = _shows(view, points[:, ~shown])

@@ -32,6 +32,9 @@ INDICES = {"active_share": "share of the ground that is ever active", "changes_p
 SCORES = {
     "psnr": "PSNR, dB",
     "psnr_dynamic": "PSNR of moving pixels, dB",
+    "psnr_activity.static": "PSNR of what never moves, dB",
+    "psnr_activity.intermittent": "PSNR of what moves at times, dB",
+    "psnr_activity.persistent": "PSNR of what moves always, dB",
     "psnr_swept": "PSNR of swept ground, dB",
     "psnr_still": "PSNR of still pixels, dB",
     "second_drone.psnr_seen": "PSNR from the second drone, dB",

@@ -9,7 +9,8 @@ import torch
 
 from aa4d.capture.reader import Capture, read_capture
 from aa4d.errors import InputError
-from aa4d.evaluation.activity_share import ACTIVITY, rank_correlation, true_activity
+from aa4d.evaluation.activity_share import rank_correlation, true_activity
+from aa4d.evaluation.ground_cells import ACTIVITY, ground_cells
 from aa4d.methods.model_file import LoadedModel, load_model
 
 FRAMES, SIDE, ORIGIN = 10, 2.0, (-16.0, -10.0)
@@ -37,7 +38,9 @@ def test_activity_of_a_place_is_that_of_its_cell(toy_capture: Path) -> None:
     write_activity(toy_capture, active, labels)
     in_cell = np.array([[-16 + 3.5 * 2, -10 + 2.1 * 2, 0.3], [-16 + 3.5 * 2, -10 + 3.1 * 2, 0.0]])
     outside = np.array([[-16.1, 0.0, 0.0], [16.5, 0, 0], [-16 + 5.5 * 2, -10 + 5.5 * 2, 0]])
-    found = true_activity(read_capture(toy_capture), np.concatenate([in_cell, outside]))
+    cells = ground_cells(read_capture(toy_capture))
+    assert cells is not None
+    found = true_activity(cells, np.concatenate([in_cell, outside]))
     assert found[:2].tolist() == [0.4, 0.0]
     assert np.isnan(found[2:]).all(), "beyond the cells, and over one that no frame sees"
 
