@@ -4,7 +4,7 @@
 
 Scenes and seeds are samples of what one would like to say something about. The bootstrap draws scenes, and seeds within
 each, with replacement: its 95 % intervals hold for other scenes and seeds of the same kind. Variants are compared seed
-by seed with the first one.
+by seed with the first one, or with another.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tyro.conf import Positional, arg
 from aa4d.errors import InputError
 from aa4d.experiments.outputs import rows_of
 from aa4d.experiments.program import run_as_program
-from aa4d.experiments.tables import as_markdown
+from aa4d.experiments.tables import as_csv, as_markdown
 from aa4d.files import make_folder, whole_file, write_json, write_text
 from aa4d.words import counted
 
@@ -61,7 +61,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Finding:
-    """A variant against the first one, in one score."""
+    """A variant against another, in one score."""
 
     variant: str
     score: str
@@ -138,14 +138,23 @@ def scores_of(rows: list[dict[str, Any]], variant: str, key: str) -> Scores | No
     return Scores(values, indices)
 
 
-def findings(rows: list[dict[str, Any]]) -> list[Finding]:
-    """Every later variant against the first, in every score that both have for the same scenes and seeds."""
-    variants = list(dict.fromkeys(str(row["variant"]) for row in rows))
+def findings(rows: list[dict[str, Any]], against: str | None = None) -> list[Finding]:
+    """Every other variant against one, by default the first, in scores that both have for the same scenes and seeds.
+
+    Raises:
+        InputError: there is no variant `against`; a row lacks the indices.
+    """
+    variants = variants_of(rows)
+    base = against or variants[0]
+    if base not in variants:
+        raise InputError(f"--against {base!r}: the rows have {', '.join(map(repr, variants))}")
     generator = np.random.default_rng(0)
     found = []
     for key in SCORES:
-        first = scores_of(rows, variants[0], key)
-        for variant in variants[1:]:
+        first = scores_of(rows, base, key)
+        for variant in variants:
+            if variant == base:
+                continue
             other = scores_of(rows, variant, key)
             if first is None or other is None or first.values.shape != other.values.shape:
                 continue
@@ -156,13 +165,19 @@ def findings(rows: list[dict[str, Any]]) -> list[Finding]:
     return found
 
 
+def variants_of(rows: list[dict[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(str(row["variant"]) for row in rows))
+
+
 def report(
     rows: Annotated[Positional[Path], arg(help="rows.csv of an experiment.")],
     out: Annotated[Path, arg(help="Folder for the tables and the figures.")],
+    against: Annotated[str | None, arg(help="Variant that the others are compared with; by default the first.")] = None,
 ) -> None:
-    """Write heterogeneity.md, heterogeneity.json and a figure for each score."""
+    """Write heterogeneity.md, heterogeneity.json, a figure for each score, and means.csv, gains.csv and slopes-*.csv: a
+    row for each variant."""
     table = rows_of(rows)
-    found = findings(table)
+    found = findings(table, against)
     if not found:
         raise InputError(f"{rows}: needs two variants with scores of three scenes or more, with the same seeds")
     make_folder(out)
@@ -172,15 +187,39 @@ def report(
         plot(table, key, out / name)
         figures.append(f"![{SCORES[key]}]({name})\n")
     write_json(out / "heterogeneity.json", {"rows": [asdict(finding) for finding in found]})
-    write_text(out / "heterogeneity.md", page(table, found) + "\n" + "\n".join(figures))
+    base = against or variants_of(table)[0]
+    write_text(out / "heterogeneity.md", page(base, found) + "\n" + "\n".join(figures))
+    write_text(out / "means.csv", as_csv(means(table)))
+    write_text(out / "gains.csv", as_csv(wide(found, lambda finding: finding.gain)))
+    for name in INDICES:
+        write_text(out / f"slopes-{name}.csv", as_csv(wide(found, _slope_over(name))))
     print(out / "heterogeneity.md")
 
 
-def page(rows: list[dict[str, Any]], found: list[Finding]) -> str:
-    first = str(rows[0]["variant"])
+def means(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """A row for each variant: its scores in the mean over scenes and seeds, under a row of heads."""
+    found = [["variant", *SCORES]]
+    for variant in variants_of(rows):
+        scores = [scores_of(rows, variant, key) for key in SCORES]
+        found.append([variant, *("" if s is None else f"{s.values.mean():.3f}" for s in scores)])
+    return found
+
+
+def wide(found: list[Finding], pick: Callable[[Finding], Interval | None]) -> list[list[str]]:
+    """A row for each variant: an interval of each score, under a row of heads."""
+    text = {(f.variant, f.score): interval.text() for f in found if (interval := pick(f)) is not None}
+    variants = dict.fromkeys(f.variant for f in found)
+    return [["variant", *SCORES], *([v, *(text.get((v, key), "") for key in SCORES)] for v in variants)]
+
+
+def _slope_over(index: str) -> Callable[[Finding], Interval | None]:
+    return lambda finding: finding.slopes.get(index)
+
+
+def page(base: str, found: list[Finding]) -> str:
     about = (
         f"{counted(found[0].scenes, 'scene')}, {counted(found[0].seeds, 'seed')}. Gains over "
-        f"`{first}`, seed by seed, in the mean over scenes; a slope is what the gain changes from the "
+        f"`{base}`, seed by seed, in the mean over scenes; a slope is what the gain changes from the "
         f"least to the greatest value of the index. In brackets: {LEVEL:.0%} intervals of {DRAWS:,} bootstrap draws "
         "over scenes, and seeds within them. A slope whose interval holds zero says nothing.\n"
     )
@@ -198,7 +237,7 @@ def plot(rows: list[dict[str, Any]], key: str, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    variants = list(dict.fromkeys(str(row["variant"]) for row in rows))
+    variants = variants_of(rows)
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(INDICES), sharey=True, squeeze=False)[0]

@@ -69,6 +69,19 @@ def test_tables_and_figures_are_written(tmp_path: Path) -> None:
     assert "## PSNR of moving pixels, dB" in text
     assert "| ACFA | +0.5" in text
     assert (tmp_path / "out/psnr_dynamic.png").stat().st_size > 10_000
+    starts = {"means": "28.", "gains": "+0.5", "slopes-changes_per_s": "+0.8", "slopes-active_share": ""}
+    for name, says in starts.items():
+        (row,) = (r for r in csv.DictReader((tmp_path / f"out/{name}.csv").open()) if r["variant"] == "ACFA")
+        assert row["psnr_dynamic"].startswith(says)
+        assert row["motion_epe_px"] == ""
+
+
+def test_variants_are_compared_with_the_one_that_is_named() -> None:
+    found = {against: findings(rows(0.5, 0.0), against)[0] for against in ("product", "ACFA")}
+    assert found["ACFA"].variant == "product"
+    assert found["ACFA"].gain.value == pytest.approx(-found["product"].gain.value)
+    with pytest.raises(InputError, match=r"--against 'acfa': the rows have 'product', 'ACFA'"):
+        findings(rows(0.5, 0.0), "acfa")
 
 
 def test_rows_without_indices_are_refused(tmp_path: Path) -> None:
