@@ -29,8 +29,8 @@ def silent(*_: object) -> None:
 
 
 def small_scene(folder: Path) -> Path:
-    """The crossroads at 96x54, 9 frames, 2 samples."""
-    text = SCENE.read_text()
+    """The crossroads at 96x54, 9 frames, 2 samples, with truth of activity."""
+    text = SCENE.read_text() + '\n[truth]\npasses = ["activity"]\n'
     for key, value in (("frames", 9), ("width_px", 96), ("height_px", 54), ("samples", 2)):
         text, replaced = re.subn(rf"^{key} = \d+", f"{key} = {value}", text, flags=re.MULTILINE)
         assert replaced == 1, key
@@ -69,6 +69,21 @@ def test_every_result_is_there(finished: tuple[Path, Path]) -> None:
     assert "the paper&#39;s model" in (out / "report.html").read_text()
     picture = np.asarray(Image.open(out / "flyover.png").convert("RGB"))
     assert picture.std() > 10
+
+
+def test_every_score_that_truth_allows_is_measured(finished: tuple[Path, Path]) -> None:
+    """What a renderer writes and what an evaluation reads are made apart: a score may quietly find no pixel."""
+    metrics = json.loads((finished[1] / "metrics.json").read_text())
+    by_truth = {
+        "psnr_dynamic",
+        "psnr_still",
+        "psnr_swept",
+        "motion_epe_px",
+        "travel_ratio",
+        "activity_rank_correlation",
+    }
+    assert {key for key in by_truth if metrics[key] is None} == set()
+    assert sum(metrics["activity_share"].values()) == pytest.approx(1)
 
 
 def test_the_blend_file_opens_on_animated_anchors_without_the_extension(finished: tuple[Path, Path]) -> None:
