@@ -36,6 +36,26 @@ def stop_requests() -> Iterator[StopRequest]:
             signal.signal(number, handler)
 
 
+@contextmanager
+def interrupted_at_once() -> Iterator[None]:
+    """For long work without a moment that suits: a signal raises KeyboardInterrupt where it arrives, inside
+    `stop_requests` too."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        before = {number: signal.signal(number, interrupt) for number in SIGNALS}
+    except ValueError:  # not in the main thread: there signals belong to somebody else
+        yield
+        return
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def end_quietly_while_importing() -> None:
     """From here on, Ctrl-C while a module is imported ends the process at once, with exit code 130.
 

@@ -20,7 +20,7 @@ from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.image_metrics import decibels
 from aa4d.field.mlp import use_arithmetic
 from aa4d.files import write_text
-from aa4d.interrupts import StopRequest, stop_requests
+from aa4d.interrupts import StopRequest, interrupted_at_once, stop_requests
 from aa4d.methods import method_of
 from aa4d.methods.contract import Look, Stage
 from aa4d.methods.model_file import save_model
@@ -171,7 +171,7 @@ class Run:
         with stop_requests() as stop_requested:
             self._stage(state, progress, history, stop_requested)
             history.write(self.steps(state))  # a killed run goes on from the next stage's first checkpoint
-            while self._next_stage(state, say):
+            while self._next_stage(state, history, say):
                 self._stage(state, progress, history, stop_requested)
                 history.write(self.steps(state))
         self._save(state, history)
@@ -181,15 +181,24 @@ class Run:
             stage = self.schedule[state.stage]
             self.movers.know(state.model, moving=not stage.canonical, clean=stage.name == CLEAN)
 
-    def _next_stage(self, state: TrainingState, say: Say) -> bool:
-        """Enter the stage that follows; False after the last. Without movers nothing is to be cleaned of them."""
+    def _next_stage(self, state: TrainingState, history: History, say: Say) -> bool:
+        """Enter the stage that follows; False after the last. Without movers nothing is to be cleaned of them.
+
+        Raises:
+            Interrupted: a signal during the search for movers, which takes minutes; the stage before it is saved.
+        """
         following = self.schedule.after(state.stage)
         if following is None:
             return False
         check_finite(state.optimiser, "a parameter")
         movers, first_moving = self.movers, self.schedule.first_moving
         if movers is not None and movers.settings.needs_static and following.name in (CLEAN, first_moving.name):
-            state.spent += movers.look(state.model, state.exposures, state.stage, say)
+            self._save_checkpoint(state, history)
+            try:
+                with interrupted_at_once():
+                    state.spent += movers.look(state.model, state.exposures, state.stage, say)
+            except KeyboardInterrupt:
+                raise Interrupted("stopped while looking for movers; the same command looks again") from None
             assert movers.tracks is not None
             if following.name == CLEAN and len(movers.tracks):
                 movers.keep_first_look()

@@ -1,5 +1,8 @@
 """Anchors that ride with what moves, from true tracks to the trained model."""
 
+import os
+import signal
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,13 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from aa4d.capture.reader import read_capture
-from aa4d.errors import InputError
+from aa4d.capture.reader import Capture, read_capture
+from aa4d.errors import InputError, Interrupted
 from aa4d.evaluation.evaluate import evaluate
 from aa4d.methods.model_file import load_model
 from aa4d.methods.settings import Decay, MotionSettings
+from aa4d.motion.tracks import Tracks
 from aa4d.motion.tracks_file import load_tracks, save_tracks, tracks_path
 from aa4d.motion.truth import truth_tracks
+from aa4d.training import movers
 from aa4d.training.riding import membership_loss
 from aa4d.training.trainer import train
 from tests.toy_capture import square_centre, write_toy_capture
@@ -102,6 +107,33 @@ def test_membership_asks_only_where_it_is_certain() -> None:
     labels = torch.tensor([[True, False, False, True]])
     moving = torch.tensor([[True, True, False, True]])
     assert membership_loss(share, labels, moving).item() == pytest.approx((0 + 0.25 + 1) / 3)
+
+
+@pytest.mark.parametrize(("look", "number"), [(1, signal.SIGINT), (2, signal.SIGTERM)])
+def test_a_search_for_movers_stops_at_once_and_is_repeated(
+    toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, look: int, number: signal.Signals
+) -> None:
+    config = replace(RIDING, motion=replace(RIDING.motion, tracks="pictures", clean_iterations=10))
+    looks = []
+
+    def find(_settings: object, capture: Capture, *_: object) -> Tracks:
+        looks.append(len(looks))
+        if len(looks) == look:
+            os.kill(os.getpid(), number)
+            time.sleep(60)  # a search that looks at no flag
+        return truth_tracks(capture, capture.of_split("train"))
+
+    monkeypatch.setattr(movers, "find", find)
+    started = time.monotonic()
+    with pytest.raises(Interrupted, match="stopped while looking for movers; the same command looks again"):
+        train(read_capture(toy), tmp_path / "parts", config, silent)
+    assert time.monotonic() - started < 55
+    train(read_capture(toy), tmp_path / "parts", config, silent)
+    assert len(looks) == 3, "what the first look had found is kept"
+    train(read_capture(toy), tmp_path / "whole", config, silent)
+    whole, parts = (load_model(tmp_path / name / "model.safetensors").model.state_dict() for name in ("whole", "parts"))
+    for name, value in whole.items():
+        assert torch.equal(value, parts[name]), name
 
 
 def test_other_motion_settings_make_another_run(toy: Path, tmp_path: Path) -> None:
