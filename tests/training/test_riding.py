@@ -113,8 +113,8 @@ def test_membership_asks_only_where_it_is_certain() -> None:
 def test_a_search_for_movers_stops_at_once_and_is_repeated(
     toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, look: int, number: signal.Signals
 ) -> None:
-    config = replace(RIDING, motion=replace(RIDING.motion, tracks="pictures", clean_iterations=10))
-    looks = []
+    config = replace(RIDING, motion=MotionSettings(tracks="pictures", clean_iterations=10))
+    looks: list[int] = []
 
     def find(_settings: object, capture: Capture, *_: object) -> Tracks:
         looks.append(len(looks))
