@@ -174,8 +174,8 @@ def report(
     out: Annotated[Path, arg(help="Folder for the tables and the figures.")],
     against: Annotated[str | None, arg(help="Variant that the others are compared with; by default the first.")] = None,
 ) -> None:
-    """Write heterogeneity.md, heterogeneity.json, a figure for each score, and means.csv, gains.csv and slopes-*.csv: a
-    row for each variant."""
+    """Write heterogeneity.md, heterogeneity.json, a figure for each score, scenes.csv with their indices, and means.csv,
+    gains.csv and slopes-*.csv with a row for each variant."""
     table = rows_of(rows)
     found = findings(table, against)
     if not found:
@@ -189,11 +189,18 @@ def report(
     write_json(out / "heterogeneity.json", {"rows": [asdict(finding) for finding in found]})
     base = against or variants_of(table)[0]
     write_text(out / "heterogeneity.md", page(base, found) + "\n" + "\n".join(figures))
+    write_text(out / "scenes.csv", as_csv(scenes(table)))
     write_text(out / "means.csv", as_csv(means(table)))
     write_text(out / "gains.csv", as_csv(wide(found, lambda finding: finding.gain)))
     for name in INDICES:
         write_text(out / f"slopes-{name}.csv", as_csv(wide(found, _slope_over(name))))
     print(out / "heterogeneity.md")
+
+
+def scenes(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """A row for each scene: its indices, under a row of heads."""
+    indices = {str(row["capture"]): [str(row.get(PREFIX + name, "")) for name in INDICES] for row in rows}
+    return [["scene", *INDICES], *([scene, *values] for scene, values in indices.items())]
 
 
 def means(rows: list[dict[str, Any]]) -> list[list[str]]:

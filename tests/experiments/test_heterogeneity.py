@@ -74,6 +74,8 @@ def test_tables_and_figures_are_written(tmp_path: Path) -> None:
         (row,) = (r for r in csv.DictReader((tmp_path / f"out/{name}.csv").open()) if r["variant"] == "ACFA")
         assert row["psnr_dynamic"].startswith(says)
         assert row["motion_epe_px"] == ""
+    first = next(csv.DictReader((tmp_path / "out/scenes.csv").open()))
+    assert first == {"scene": "s0.01-0.2", "active_share": "0.01", "changes_per_s": "0.2"}
 
 
 def test_variants_are_compared_with_the_one_that_is_named() -> None:
