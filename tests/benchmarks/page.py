@@ -1,0 +1,109 @@
+"""What the page that plays a scene takes, in a real browser: `python -m tests.benchmarks.page RUN [--json FILE]`.
+
+Pictures a second are counted by the page's clock, in a window of 640x360: as it plays, where the resolution follows
+what the machine can do, and held at full resolution. Both depend on what else the machine does, so its load is told
+too. Pictures at rest, in the capture's own size, are held against `aa4d render` at the held-out frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from playwright.sync_api import Browser, Page
+
+from aa4d.export import export
+from aa4d.export.clip import Clip
+from aa4d.export.html_page import NAME
+from aa4d.files import write_json
+from aa4d.filming.camera_path import path_of_frames
+from aa4d.filming.layers import draw
+from aa4d.methods.model_file import load_model
+from tests.browser import launched, watched
+
+WIDTH, HEIGHT = 640, 360
+PAINTERS = ("cpu", "gpu")  # as the page's address names them; the second is drawn by SwiftShader
+SETTLING_MS, PLAYED_MS = 4000, 12_000
+PATIENCE_MS = 300_000
+HIDE = "for (const e of document.querySelectorAll('#bar, #title')) e.style.display = 'none'"
+PLAY = """async ([settling, played, full]) => {
+  const p = await player, rest = (ms) => new Promise((done) => setTimeout(done, ms));
+  if (full) Object.defineProperty(p, "scale", { get: () => 1, set() {}, configurable: true });
+  p.play();
+  await rest(settling);
+  const [before, began] = [p.pictures, performance.now()];
+  await rest(played);
+  const found = [1000 * (p.pictures - before) / (performance.now() - began), p.view.lens.width];
+  p.play(false);
+  await p.settled();
+  return found;
+}"""
+
+
+def measure(run: Path) -> list[dict[str, Any]]:
+    """A row for each painter."""
+    loaded = load_model(run / "model.safetensors")
+    clip = Clip(loaded, path_of_frames(loaded, "all"), None)
+    rows = []
+    with tempfile.TemporaryDirectory() as folder, launched() as browser:
+        export(clip, "html", Path(folder, "page"), lambda *_: None)
+        file = Path(folder, "page", NAME)
+        for painter in PAINTERS:
+            row = {"run": run.name, "painter": painter, "mb": file.stat().st_size / 1e6}
+            row["psnr"] = against_the_model(browser, file, painter, clip)
+            rows.append(row | played(browser, file, painter))
+            print(rows[-1], flush=True)
+    return rows
+
+
+def played(browser: Browser, file: Path, painter: str) -> dict[str, float]:
+    with watched(browser, WIDTH, HEIGHT) as seen:
+        opened(seen.page, file, painter)
+        rate, width = seen.page.evaluate(PLAY, [SETTLING_MS, PLAYED_MS, False])
+        full, whole = seen.page.evaluate(PLAY, [SETTLING_MS, PLAYED_MS, True])
+        assert whole == WIDTH
+    load = os.getloadavg()[0]
+    return {"pictures_a_second": rate, "width": width, "full_pictures_a_second": full, "load": load}
+
+
+def against_the_model(browser: Browser, file: Path, painter: str, clip: Clip) -> float:
+    """Decibels, mean over the held-out frames."""
+    camera, found = clip.path.camera, []
+    held_out = {frame.name for frame in clip.loaded.frames if frame.split == "test"}
+    with watched(browser, camera.width, camera.height) as seen:
+        opened(seen.page, file, painter)
+        seen.page.evaluate(HIDE)
+        for index, view in enumerate(clip.path.views):
+            if view.name in held_out:
+                seek = "async (s) => { const p = await player; p.seek(s); await p.settled(); }"
+                seen.page.evaluate(seek, clip.seconds(index))
+                shot = np.array(Image.open(io.BytesIO(seen.page.screenshot())).convert("RGB"))
+                expected = draw(clip.loaded, view, camera, ["color"]).color
+                found.append(-10 * np.log10(max(np.mean((shot / 255 - expected / 255) ** 2), 1e-12)))
+    return float(np.mean(found))
+
+
+def opened(page: Page, file: Path, painter: str) -> None:
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(f"{file.as_uri()}#play=off&painter={painter}")
+    page.wait_for_selector("body.ready")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run", type=Path)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    rows = measure(given.run)
+    if given.json is not None:
+        write_json(given.json, {"rows": rows})
+
+
+if __name__ == "__main__":
+    main()
