@@ -1,8 +1,9 @@
 """What the page that plays a scene takes, in a real browser: `python -m tests.benchmarks.page RUN [--json FILE]`.
 
 Pictures a second are counted by the page's clock, in a window of 640x360: as it plays, where the resolution follows
-what the machine can do, and held at full resolution. Both depend on what else the machine does, so its load is told
-too. Pictures at rest, in the capture's own size, are held against `aa4d render` at the held-out frames.
+what the machine can do, and held at full resolution. Both depend on what else the machine does; the processor's time
+for a picture, of all of Chromium's processes, does less so. Pictures at rest, in the capture's own size, are held
+against `aa4d render` at the held-out frames.
 """
 
 from __future__ import annotations
@@ -32,18 +33,18 @@ PAINTERS = ("cpu", "gpu")  # as the page's address names them; the second is dra
 SETTLING_MS, PLAYED_MS = 4000, 12_000
 PATIENCE_MS = 300_000
 HIDE = "for (const e of document.querySelectorAll('#bar, #title')) e.style.display = 'none'"
-PLAY = """async ([settling, played, full]) => {
-  const p = await player, rest = (ms) => new Promise((done) => setTimeout(done, ms));
+BEGIN = """async ([settling, full]) => {
+  const p = await player;
   if (full) Object.defineProperty(p, "scale", { get: () => 1, set() {}, configurable: true });
   p.play();
-  await rest(settling);
-  const [before, began] = [p.pictures, performance.now()];
-  await rest(played);
-  const found = [1000 * (p.pictures - before) / (performance.now() - began), p.view.lens.width];
-  p.play(false);
-  await p.settled();
-  return found;
+  await new Promise((done) => setTimeout(done, settling));
 }"""
+COUNT = """async (played) => {
+  const p = await player, before = p.pictures, began = performance.now();
+  await new Promise((done) => setTimeout(done, played));
+  return [p.pictures - before, (performance.now() - began) / 1000, p.view.lens.width];
+}"""
+END = "async () => { const p = await player; p.play(false); await p.settled(); }"
 
 
 def measure(run: Path) -> list[dict[str, Any]]:
@@ -63,13 +64,34 @@ def measure(run: Path) -> list[dict[str, Any]]:
 
 
 def played(browser: Browser, file: Path, painter: str) -> dict[str, float]:
+    found: dict[str, float] = {}
     with watched(browser, WIDTH, HEIGHT) as seen:
         opened(seen.page, file, painter)
-        rate, width = seen.page.evaluate(PLAY, [SETTLING_MS, PLAYED_MS, False])
-        full, whole = seen.page.evaluate(PLAY, [SETTLING_MS, PLAYED_MS, True])
-        assert whole == WIDTH
-    load = os.getloadavg()[0]
-    return {"pictures_a_second": rate, "width": width, "full_pictures_a_second": full, "load": load}
+        for kind, full in (("", False), ("full_", True)):
+            seen.page.evaluate(BEGIN, [SETTLING_MS, full])
+            used = processor_s()
+            pictures, seconds, width = seen.page.evaluate(COUNT, PLAYED_MS)
+            used = processor_s() - used
+            seen.page.evaluate(END)
+            found |= {f"{kind}pictures_a_second": pictures / seconds, f"{kind}width": width}
+            found[f"{kind}processor_ms"] = 1e3 * used / max(pictures, 1)
+    assert found["full_width"] == WIDTH
+    return found | {"load": os.getloadavg()[0]}
+
+
+def processor_s() -> float:
+    """Seconds of the processor that the processes below this one, the browser's, have used."""
+    parents, used = {}, {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+        except OSError:  # it has just ended
+            continue
+        parents[folder.name], used[folder.name] = fields[1], int(fields[11]) + int(fields[12])
+    below = {str(os.getpid())}
+    while more := {child for child, parent in parents.items() if parent in below} - below:
+        below |= more
+    return sum(used[process] for process in below - {str(os.getpid())}) / os.sysconf("SC_CLK_TCK")
 
 
 def against_the_model(browser: Browser, file: Path, painter: str, clip: Clip) -> float:
