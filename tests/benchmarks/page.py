@@ -19,6 +19,7 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Browser, Page
 
+from aa4d.errors import InputError
 from aa4d.export import export
 from aa4d.export.clip import Clip
 from aa4d.export.html_page import NAME
@@ -57,8 +58,7 @@ def measure(run: Path) -> list[dict[str, Any]]:
         file = Path(folder, "page", NAME)
         for painter in PAINTERS:
             row = {"run": run.name, "painter": painter, "mb": file.stat().st_size / 1e6}
-            row["psnr"] = against_the_model(browser, file, painter, clip)
-            rows.append(row | played(browser, file, painter))
+            rows.append(row | decibels(browser, file, painter, clip) | played(browser, file, painter))
             print(rows[-1], flush=True)
     return rows
 
@@ -94,21 +94,29 @@ def processor_s() -> float:
     return sum(used[process] for process in below - {str(os.getpid())}) / os.sysconf("SC_CLK_TCK")
 
 
-def against_the_model(browser: Browser, file: Path, painter: str, clip: Clip) -> float:
-    """Decibels, mean over the held-out frames."""
-    camera, found = clip.path.camera, []
-    held_out = {frame.name for frame in clip.loaded.frames if frame.split == "test"}
+def decibels(browser: Browser, file: Path, painter: str, clip: Clip) -> dict[str, float]:
+    """Means over the held-out frames: the page against `aa4d render`, and both against the capture's own pictures."""
+    capture = clip.loaded.capture_folder
+    if capture is None:
+        raise InputError(f"{clip.loaded.path}: its capture is not known, so there is no truth to compare with")
+    camera, rows = clip.path.camera, []
     with watched(browser, camera.width, camera.height) as seen:
         opened(seen.page, file, painter)
         seen.page.evaluate(HIDE)
-        for index, view in enumerate(clip.path.views):
-            if view.name in held_out:
+        for index, frame in enumerate(clip.loaded.frames):
+            if frame.split == "test":
                 seek = "async (s) => { const p = await player; p.seek(s); await p.settled(); }"
                 seen.page.evaluate(seek, clip.seconds(index))
                 shot = np.array(Image.open(io.BytesIO(seen.page.screenshot())).convert("RGB"))
-                expected = draw(clip.loaded, view, camera, ["color"]).color
-                found.append(-10 * np.log10(max(np.mean((shot / 255 - expected / 255) ** 2), 1e-12)))
-    return float(np.mean(found))
+                model = draw(clip.loaded, clip.path.views[index], camera, ["color"]).color
+                truth = np.array(Image.open(capture / frame.image).convert("RGB"))
+                rows.append([psnr(shot, model), psnr(shot, truth), psnr(model, truth)])
+    names = ("against_render_db", "against_truth_db", "render_against_truth_db")
+    return dict(zip(names, np.mean(rows, axis=0).tolist(), strict=True))
+
+
+def psnr(first: np.ndarray, second: np.ndarray) -> float:
+    return -10 * float(np.log10(max(np.mean((first / 255 - second / 255) ** 2), 1e-12)))
 
 
 def opened(page: Page, file: Path, painter: str) -> None:
