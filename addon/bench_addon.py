@@ -357,6 +357,16 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(cells[0]), *lines[1:]])
 
 
+def write(path: Path, value: Any) -> None:
+    """Write JSON whole or not at all."""
+    partial = path.with_name(f".{path.name}.part")
+    try:
+        partial.write_text(json.dumps(value, indent=1))
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(prog="bench_addon.py", description="Measure the AdaAnchor4D extension.")
@@ -383,12 +393,9 @@ def main() -> int:
                 folder = options.pictures
                 result["pictures"] = pictures(module, options.model, folder, Path(scratch))
     options.json.parent.mkdir(parents=True, exist_ok=True)
-    partial = options.json.with_name(f".{options.json.name}.part")
-    try:
-        partial.write_text(json.dumps(result, indent=1))
-        os.replace(partial, options.json)
-    finally:
-        partial.unlink(missing_ok=True)
+    write(options.json, result)
+    if "pictures" in result:
+        write(options.json.with_stem(f"{options.json.stem}-pictures"), result["pictures"])
     for rows in (result["rows"], result.get("accuracy"), result.get("pictures")):
         if rows:
             print(f"{table(rows)}\n")
