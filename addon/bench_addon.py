@@ -344,7 +344,8 @@ def pictures(module: str, model_path: Path, folder: Path, scratch: Path) -> list
             decibels.append(-10 * float(np.log10(error)))
         if not decibels:
             raise SystemExit(f"{folder} has no picture of a frame of {model_path.name}, such as {target.name}")
-        row = kind._asdict() | {"seen_from": kind.seen_from.lower(), "frames": len(decibels)}
+        row = kind._asdict() | {"trained_picture": "yes" if kind.trained_picture else "no", "frames": len(decibels)}
+        row["seen_from"] = kind.seen_from.lower()
         rows.append(row | {"db": float(np.mean(decibels)), "processor_s": float(np.mean(seconds))})
     return rows
 
