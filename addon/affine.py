@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from . import names
+from . import harmonics, names
 from .container import Floats
 from .groups import product
 from .model import Doubles
@@ -37,6 +37,12 @@ def moved(values: Mapping[names.Attribute, Floats], matrix: Doubles) -> dict[nam
             turned[..., 2] *= np.linalg.det(turned)[:, None]  # the axis of a mirrored ellipsoid has no direction
             result[names.SCALE] = sizes.astype(np.float32)
             result[names.ROTATION] = quaternions_of(turned)
+    terms = [term for term in names.HARMONICS if term in values]
+    if terms:
+        coefficients = np.stack([values[term] for term in terms], axis=1).astype(np.float64)
+        first, _, second = np.linalg.svd(linear)  # the rotation in it, or the reflection
+        turned = harmonics.turned(coefficients, first @ second).astype(np.float32)
+        result |= dict(zip(terms, turned.swapaxes(0, 1), strict=True))
     return result
 
 

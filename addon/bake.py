@@ -120,6 +120,25 @@ def largest_error_m(obj: bpy.types.Object, options: BakeOptions) -> float:
     return source.chord_error_m([clip.time_of_rank(rank) for rank in _ranks(options, clip.frame_count)])
 
 
+def color_errors(obj: bpy.types.Object, scene: bpy.types.Scene, options: BakeOptions) -> tuple[float, float] | None:
+    """By how much colours are off at the middle key as the held-out cameras see them, with harmonics and without.
+
+    None where nothing has harmonics, or no camera was held out.
+
+    Raises:
+        ModelFileError: as `playback.loaded_of`.
+    """
+    wanted = frozenset().union(*(playback.wanted_of(part) for part in parts.parts(obj)))
+    if wanted.isdisjoint(names.HARMONICS):
+        return None
+    loaded, lead = playback.loaded_of(obj), parts.lead(obj)
+    ranks = _ranks(options, loaded.source.clip.frame_count)
+    t = loaded.source.clip.time_of_rank(ranks[len(ranks) // 2])
+    center = playback.camera_center(lead, loaded, t, scene, None)
+    values = loaded.source.evaluate(obj.aa4d.carrier, t, center, wanted)
+    return loaded.source.color_errors(t, center, values)
+
+
 def free(obj: bpy.types.Object) -> None:
     """Remove the keys of all objects of an import, if there are any, and switch them to live playback.
 

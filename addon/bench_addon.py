@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,28 @@ FRAMES = 12
 REPEATS = 5
 SIZES = {"K": 10, "F": 32, "E": 32, "C": 16, "B": 64}  # of the default configuration
 ANCHORS = (20_000, 100_000)  # and ten times as many local Gaussians
+
+
+class Render(NamedTuple):
+    """How the pictures of one row are rendered."""
+
+    look: str
+    samples: int  # of each pixel: a few for what is sorted, many for what is drawn by chance
+    trained_picture: bool
+    seen_from: str = "CAPTURE"  # or FROZEN, at the mean of the capture's cameras
+    harmonics: int = 0  # degree
+
+
+RENDERS = (
+    Render("Gaussians", 4, False),
+    Render("Gaussians", 4, True),
+    Render("Native Splats", 4, False),
+    Render("Native Splats", 4, True),
+    Render("Native Splats", 64, False),
+    Render("Native Splats", 64, True),
+    Render("Native Splats", 64, True, "FROZEN"),
+    Render("Native Splats", 64, True, "FROZEN", 1),
+)
 
 
 def random_model(path: Path, anchors: int) -> None:
@@ -186,6 +208,7 @@ def measure(module: str, model_path: Path, carrier: str, folder: Path) -> dict[s
         def evaluate(number: int, quick: Any = quick) -> Any:
             return carriers.evaluate(prepared, carrier, 0.51 + 0.001 * number, center, wanted, quick)
 
+        row[f"{name}_ms"] = best_ms(evaluate, 2 * REPEATS)
         row[f"{name}_processor_ms"] = best_ms(evaluate, clock=time.process_time)
     for frame in range(FRAMES):
         play(frame)
@@ -273,13 +296,11 @@ def _errors(
     }
 
 
-def pictures(module: str, model_path: Path, folder: Path, samples: int, scratch: Path) -> list[dict[str, Any]]:
-    """Renders of the local Gaussians, with and without the trained picture, against the PNGs of `aa4d render`."""
+def pictures(module: str, model_path: Path, folder: Path, scratch: Path) -> list[dict[str, Any]]:
+    """Renders of the local Gaussians against the PNGs of `aa4d render`."""
     import bpy
 
-    look_nodes, materials, playback = (
-        importlib.import_module(f"{module}.{name}") for name in ("look_nodes", "materials", "playback")
-    )
+    look_nodes, playback = (importlib.import_module(f"{module}.{name}") for name in ("look_nodes", "playback"))
 
     def read(path: Path) -> np.ndarray:
         image = bpy.data.images.load(str(path))
@@ -289,48 +310,43 @@ def pictures(module: str, model_path: Path, folder: Path, samples: int, scratch:
         return pixels
 
     rows = []
-    for look in (materials.GAUSSIANS, materials.SPLATS):
-        if look not in look_nodes.LOOKS:
+    for kind in RENDERS:
+        if kind.look not in look_nodes.LOOKS:
             continue
+        print(f"rendering {kind} ...", file=sys.stderr, flush=True)
         bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
         bpy.ops.aa4d.import_model(
             filepath=str(model_path.resolve()),
             carrier="GAUSSIANS",
-            look=look,
+            look=kind.look,
             set_up_scene=True,
+            trained_picture=kind.trained_picture,
+            harmonics=kind.harmonics,
             background_frames=False,
             vehicles=False,
         )
-        scene = bpy.context.scene
-        clip = playback.loaded_of(bpy.context.active_object).source.clip
-        scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = samples, False, 0
+        scene, obj = bpy.context.scene, bpy.context.active_object
+        clip = playback.loaded_of(obj).source.clip
+        obj.aa4d.frozen_view, obj.aa4d.view = clip.camera_centers.mean(axis=0), kind.seen_from
+        scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = kind.samples, False, 0
         scene.cycles.use_adaptive_sampling = False
-        for trained in (False, True):
-            bpy.ops.aa4d.trained_picture(use=trained)
-            decibels, seconds = [], []
-            for rank, image in zip(clip.ranks.tolist(), clip.images, strict=True):
-                target = folder / f"{Path(image).stem}.png"
-                if not target.is_file():
-                    continue
-                scene.frame_set(1 + int(rank), subframe=rank % 1)
-                scene.render.filepath = str(scratch / "picture.png")
-                start = time.process_time()
-                bpy.ops.render.render(write_still=True)
-                seconds.append(time.process_time() - start)
-                error = np.mean((read(Path(scene.render.filepath)) - read(target)) ** 2)
-                decibels.append(-10 * float(np.log10(error)))
-            if not decibels:
-                raise SystemExit(f"{folder} has no picture of a frame of {model_path.name}, such as {target.name}")
-            rows.append(
-                {
-                    "look": look,
-                    "trained_picture": trained,
-                    "samples": samples,
-                    "frames": len(decibels),
-                    "db": float(np.mean(decibels)),
-                    "processor_s": float(np.mean(seconds)),
-                }
-            )
+        decibels, seconds = [], []
+        for rank, image in zip(clip.ranks.tolist(), clip.images, strict=True):
+            target = folder / f"{Path(image).stem}.png"
+            if not target.is_file():
+                continue
+            scene.frame_set(1 + int(rank), subframe=rank % 1)
+            scene.render.filepath = str(scratch / "picture.png")
+            start = time.process_time()
+            bpy.ops.render.render(write_still=True)
+            seconds.append(time.process_time() - start)
+            error = np.mean((read(Path(scene.render.filepath)) - read(target)) ** 2)
+            decibels.append(-10 * float(np.log10(error)))
+        if not decibels:
+            raise SystemExit(f"{folder} has no picture of a frame of {model_path.name}, such as {target.name}")
+        row = kind._asdict() | {"trained_picture": "yes" if kind.trained_picture else "no", "frames": len(decibels)}
+        row["seen_from"] = kind.seen_from.lower()
+        rows.append(row | {"db": float(np.mean(decibels)), "processor_s": float(np.mean(seconds))})
     return rows
 
 
@@ -342,6 +358,16 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(cells[0]), *lines[1:]])
 
 
+def write(path: Path, value: Any) -> None:
+    """Write JSON whole or not at all."""
+    partial = path.with_name(f".{path.name}.part")
+    try:
+        partial.write_text(json.dumps(value, indent=1))
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(prog="bench_addon.py", description="Measure the AdaAnchor4D extension.")
@@ -349,7 +375,6 @@ def main() -> int:
     parser.add_argument("--json", type=Path, required=True, help="where to write the rows")
     parser.add_argument("--model", type=Path, help="a trained model, for accuracy against time")
     parser.add_argument("--pictures", type=Path, help="a folder of PNGs that aa4d render wrote of this model")
-    parser.add_argument("--samples", type=int, default=64, help="of these renders, for each pixel")
     parser.add_argument("--anchors", type=int, nargs="*", default=ANCHORS, help="how many anchors the models have")
     options = parser.parse_args()
     result: dict[str, Any] = {"load_before": os.getloadavg(), "cpus": os.cpu_count(), "rows": []}
@@ -367,14 +392,11 @@ def main() -> int:
             result["accuracy"] = accuracy(module, options.model)
             if options.pictures is not None:
                 folder = options.pictures
-                result["pictures"] = pictures(module, options.model, folder, options.samples, Path(scratch))
+                result["pictures"] = pictures(module, options.model, folder, Path(scratch))
     options.json.parent.mkdir(parents=True, exist_ok=True)
-    partial = options.json.with_name(f".{options.json.name}.part")
-    try:
-        partial.write_text(json.dumps(result, indent=1))
-        os.replace(partial, options.json)
-    finally:
-        partial.unlink(missing_ok=True)
+    write(options.json, result)
+    if "pictures" in result:
+        write(options.json.with_stem(f"{options.json.stem}-pictures"), result["pictures"])
     for rows in (result["rows"], result.get("accuracy"), result.get("pictures")):
         if rows:
             print(f"{table(rows)}\n")

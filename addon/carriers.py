@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 
-from . import names
+from . import names, sights
 from .clip import Clip
 from .container import Floats, ModelFileError
 from .field import (
@@ -23,6 +23,7 @@ from .field import (
     presence,
     to_world,
 )
+from .harmonics import degree_of
 from .knots import Knots
 from .model import Doubles
 
@@ -47,7 +48,8 @@ def evaluate(
 ) -> dict[names.Attribute, Floats]:
     """The attributes of the carrier at time t, one row a point, as a camera at `camera_center` [3] (metres) sees them.
 
-    Of `names.SHAPE` and `names.INSPECTION` what is wanted; the others always. `knots` make it quicker and less exact.
+    Of `names.SHAPE`, `names.INSPECTION` and, of Gaussians, `names.HARMONICS` what is wanted; the others always. `knots`
+    make it quicker and less exact.
 
     Raises:
         ModelFileError: the model's numbers overflow there.
@@ -68,12 +70,30 @@ def evaluate(
             names.SCALE: gaussians.scales.reshape(-1, 3),
             names.ROTATION: gaussians.quaternions.reshape(-1, 4),
         }
+        terms = harmonics_of(wanted)
+        if terms:
+            fitted = sights.fitted_over_cameras(field, state, gaussians, degree_of(len(terms)))
+            values |= dict(zip(terms, fitted.swapaxes(0, 1), strict=True))
     repeats = points_per_anchor(field, carrier)
     hide_absent(values, np.repeat(presence(field, state) > 0, repeats))
     for attribute, value in _inspect(field, t, state, wanted).items():
         values[attribute] = np.repeat(value, repeats)
     check_finite(values, field.model, t)
     return values
+
+
+def harmonics_of(attributes: Collection[names.Attribute]) -> tuple[names.Attribute, ...]:
+    """Those of the attributes that are terms of harmonics, in order."""
+    return tuple(term for term in names.HARMONICS if term in attributes)
+
+
+def color_errors(
+    field: Field, t: float, camera_center: Doubles, values: Mapping[names.Attribute, Floats]
+) -> tuple[float, float] | None:
+    """`sights.color_errors` of Gaussians that were evaluated with harmonics at t, seen from `camera_center`."""
+    state = anchor_state(field, t)
+    fitted = np.stack([values[term] for term in harmonics_of(values)], axis=1)
+    return sights.color_errors(field, state, local_gaussians(field, state, camera_center), fitted)
 
 
 def radius(scales: Floats) -> Floats:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from .header import FASTEST_FPS, Camera, Doubles, array, number, pinhole, poses_images_and_seconds, require
 
@@ -28,6 +29,7 @@ class Clip:
     camera: Camera
     viewmats: Doubles  # [frames, 4, 4], world to camera, in presentation order
     images: tuple[str, ...]  # of the frames, relative to the capture
+    held_out: npt.NDArray[np.bool_]  # [frames] those that were not trained on
     ranks: Doubles  # [frames] of the frames, rising from 0; whole numbers where they are evenly apart
     capture: str | None  # the capture's folder, relative to the file
     background: tuple[float, float, float]  # sRGB
@@ -90,5 +92,6 @@ def read_clip(path: Path, information: Mapping[str, Any]) -> Clip:
     require(((background >= 0) & (background <= 1)).all(), "background must lie in [0, 1]")
     capture = information["capture"]
     require(capture is None or isinstance(capture, str), "capture must be a path or null")
+    held_out = np.array([frame["split"] == "test" for frame in information["frames"]])
     red, green, blue = background.tolist()
-    return Clip(path, fps, camera, viewmats, images, ranks, capture, (red, green, blue))
+    return Clip(path, fps, camera, viewmats, images, held_out, ranks, capture, (red, green, blue))

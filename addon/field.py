@@ -282,6 +282,21 @@ def anchor_appearance(
     return colors, opacities, reach
 
 
+def appearance_from(
+    field: Field, state: AnchorState, eyes: Doubles
+) -> Callable[[slice], tuple[Floats, Floats]]:  # sRGB [n, K, E, 3], opacities [n, K, E]
+    """What each eye [E, 3] (world metres) sees of a slice of the anchors: colours and opacities of their Gaussians."""
+    decoders = [_Decoder(field.model, state, eye) for eye in eyes]
+    share = presence(field, state)
+
+    def seen(part: slice) -> tuple[Floats, Floats]:
+        looks = [decoder.at(part)[:2] for decoder in decoders]
+        opacities = np.maximum(np.stack([opacity for _, opacity in looks], axis=2), 0)
+        return np.stack([color for color, _ in looks], axis=2), opacities * share[part, None, None]
+
+    return seen
+
+
 def to_world(model: Model, positions: Floats) -> Floats:
     """Positions [..., 3] of the model frame in world metres."""
     return (model.scale * positions.astype(np.float64) + model.translation).astype(np.float32)

@@ -45,6 +45,7 @@ class ImportOptions:
     set_timeline: bool = True
     set_up_scene: bool = False
     trained_picture: bool = False
+    harmonics: int = 0  # degree, of the colours of native splats of a model; others have none
     vehicles: bool = True  # an object for each vehicle, where the model has any
     largest: int = 2_000_000  # points
 
@@ -183,6 +184,8 @@ def _make_object(name: str, place: _Place, rows: Indices) -> bpy.types.Object:
     look.node_group = look_nodes.look_group()
     modifiers.put(look, look_nodes.LOOK, options.look)
     modifiers.put(look, look_nodes.SOFTNESS, SOFT_PIXELS / float(clip.camera.K[0, 0]))
+    if look_nodes.has_harmonics(obj, look):
+        modifiers.put(look, look_nodes.HARMONICS, options.harmonics)
     return obj
 
 

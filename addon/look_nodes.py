@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 
 import bpy
 
-from . import materials, names
+from . import harmonics, materials, modifiers, names
 from .node_tree import Tree, socket, versioned_group
+from .source import MODEL
 
-NAME, VERSION = "AdaAnchor4D Look", 7
+NAME, VERSION = "AdaAnchor4D Look", 8
 # From 5.3 on Blender draws Gaussians itself. Files go from one Blender to another: the group of one that knows the look
 # is not taken for that of one that does not.
 SPLATS_KNOWN = hasattr(bpy.types, "GeometryNodePointsSetType")
@@ -19,7 +20,7 @@ MINIMUM_OPACITY, NEAREST, FARTHEST = "Minimum Opacity", "Moved at Least", "Moved
 CROP, CROP_OBJECT = "Crop", "Crop Object"
 NO_CROP, INSIDE, OUTSIDE = "Off", "Inside", "Outside"
 TRAIL_DISTANCE = "Ghost Distance"
-TRAINED_PICTURE, SOFTNESS = "Trained Picture", "Softness"
+TRAINED_PICTURE, SOFTNESS, HARMONICS = "Trained Picture", "Softness", "Harmonics"
 
 LOOKS = {
     materials.POINTS: "Spheres of the size of what they stand for; the fastest",
@@ -66,8 +67,7 @@ RAMP = (
     (1.0, (0.984, 0.799, 0.018)),
 )
 DISC_SIGMAS = 1.5
-# Blender keeps the colour of a splat as the constant term of spherical harmonics: sRGB = 0.5 + SH_CONSTANT * term.
-SH_CONSTANT = 0.28209479177387814
+# Blender keeps the colour of a splat as spherical harmonics: sRGB = 0.5 + SH_CONSTANT * the constant term + the others.
 SPLAT_TYPE = "3D Gaussian Splat"
 # Turns of the axes, w x y z: the first brings x to y to z to x, the second goes back.
 TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5))
@@ -85,7 +85,8 @@ def look_group() -> bpy.types.NodeTree:
     # Motion blur finds an instance again by its id: filters may hide others from one frame to the next.
     tree.set(socket(geometry.inputs, "ID"), tree.named(names.ID.name, names.ID.type))
     trained = tree.logic("AND", tree.input(TRAINED_PICTURE), tree.logic("NOT", tree.input(LIT)))
-    geometry = _colored(tree, geometry.outputs[0], trained)
+    chosen = _color_choice(tree)
+    geometry = _colored(tree, geometry.outputs[0], chosen, trained)
     shown = _shown(tree)
     looks = {
         materials.POINTS: _points(tree, geometry, shown),
@@ -94,7 +95,7 @@ def look_group() -> bpy.types.NodeTree:
     }
     if SPLATS_KNOWN:
         # Nodes of its own that another Blender does not know make nothing there: then Gaussians stand in.
-        splats = _splats(tree, geometry, shown)
+        splats = _splats(tree, geometry, shown, _harmonics_share(tree, chosen, trained))
         count = tree.node("GeometryNodeAttributeDomainSize", {"Geometry": splats}, component="POINTCLOUD").outputs
         known = tree.compare(socket(count, "Point Count"), "GREATER_THAN", 0.5)
         looks[materials.SPLATS] = tree.switch("GEOMETRY", known, looks[materials.GAUSSIANS], splats)
@@ -125,7 +126,7 @@ def shown_group() -> bpy.types.NodeTree:
     tree = Tree(group)
     _make_inputs(tree)
     tree.menu("FLOAT", LOOK, [(look, LOOKS[look], 0.0) for look in LOOKS])  # unused: it keeps the menu's items
-    geometry = _colored(tree, tree.input("Geometry"), False)
+    geometry = _colored(tree, tree.input("Geometry"), _color_choice(tree), False)
     geometry = tree.store(geometry, names.SHOWN, _shown(tree))
     radius = tree.math("MULTIPLY", tree.named(names.RADIUS.name, names.RADIUS.type), tree.input(SIZE))
     geometry = tree.store(geometry, names.RADIUS, radius)
@@ -241,10 +242,27 @@ def _make_inputs(tree: Tree) -> None:
         min_value=0.0,
         max_value=1.0,
     )
+    if SPLATS_KNOWN:
+        tree.make_input(
+            HARMONICS,
+            "Int",
+            "Degree of the spherical harmonics by which colours of Native Splats follow every camera, fitted to what "
+            "the capture's cameras see; with 0 they are those of Seen From",
+            default_value=0,
+            min_value=0,
+            max_value=harmonics.HIGHEST,
+        )
 
 
-def _colored(tree: Tree, geometry: Any, encode: Any) -> Any:
-    """The points in the colours asked for; what is not asked for is not computed.
+def _color_choice(tree: Tree) -> Any:
+    """The number of what colours the points: 0 for the trained colour, then `SCALARS`, then `CATEGORIES`."""
+    described = {name: scalar.description for name, scalar in SCALARS.items()} | CATEGORIES
+    choices = [(TRAINED, "What the scene was trained to", 0)]
+    return tree.menu("INT", COLOR_BY, choices + [(name, described[name], at) for at, name in enumerate(described, 1)])
+
+
+def _colored(tree: Tree, geometry: Any, chosen: Any, encode: Any) -> Any:
+    """The points in the colours of this `_color_choice`; what is not asked for is not computed.
 
     Where `encode`, a value or a socket, holds, the colours are encoded once more.
     """
@@ -267,10 +285,6 @@ def _colored(tree: Tree, geometry: Any, encode: Any) -> Any:
     }
     # The menu gives a number, that one the quantity, and one ramp its colour. Every node that is there costs something,
     # chosen or not, and twenty vehicles feel it: above all a group within this one, such as the ramp is.
-    described = {name: scalar.description for name, scalar in SCALARS.items()} | CATEGORIES
-    choices = [(TRAINED, "What the scene was trained to", 0)]
-    choices += [(name, described[name], place) for place, name in enumerate((*values, *numbers), 1)]
-    chosen = tree.menu("INT", COLOR_BY, choices)
     quantity = tree.indexed("FLOAT", chosen, [0.0, *values.values(), *numbers.values()])
     ramp, category = _ramp(tree, quantity), _category_color(tree, quantity)
     trained = tree.named(names.COLOR.name, names.COLOR.type)
@@ -405,13 +419,41 @@ def _gaussians(tree: Tree, geometry: Any, shown: Any) -> Any:
     return _instances(tree, geometry, shown, shape, rotation, _softened(tree))
 
 
-def _splats(tree: Tree, geometry: Any, shown: Any) -> Any:
+def harmonics_shown(obj: bpy.types.Object, look: bpy.types.Modifier) -> int:
+    """How many harmonics the object's look draws, the constant among them; 0 where its colours follow no camera."""
+    if not has_harmonics(obj, look) or modifiers.get(look, HARMONICS) == 0:
+        return 0
+    return harmonics.count(modifiers.get(look, HARMONICS))
+
+
+def has_harmonics(obj: bpy.types.Object, look: bpy.types.Modifier) -> bool:
+    """Whether what the object draws can follow every camera."""
+    known = SPLATS_KNOWN and modifiers.has(look, HARMONICS) and modifiers.get(look, LOOK) == materials.SPLATS
+    return known and (obj.aa4d.kind, obj.aa4d.carrier) == (MODEL, names.GAUSSIANS)
+
+
+def _harmonics_share(tree: Tree, chosen: Any, trained: Any) -> Any:
+    """By how much harmonics count in each channel: not at all in colours that are not the trained ones.
+
+    Where these are encoded once more, by the slope of the encoding: it is bent, but harmonics add little.
+    """
+    plain = tree.math("SUBTRACT", 1.0, tree.math("MINIMUM", tree.math("ADD", chosen, tree.input(PAINT_SHARE)), 1.0))
+    color = tree.vector("MAXIMUM", tree.named(names.COLOR.name, names.COLOR.type), (1e-4,) * 3)
+    slope = tree.vector("MULTIPLY", tree.vector("POWER", color, (1 / 2.4 - 1,) * 3), (1.055 / 2.4,) * 3)
+    slope = tree.vector("MINIMUM", slope, (12.92,) * 3)
+    return tree.vector("SCALE", tree.switch("VECTOR", trained, (1.0,) * 3, slope), plain)
+
+
+def _splats(tree: Tree, geometry: Any, shown: Any, share: Any) -> Any:
     """Every vertex as a splat of Blender's own. What is not shown has no opacity and no size, as with points."""
     cloud = tree.node("GeometryNodeMeshToPoints", {"Mesh": geometry}).outputs[0]
     scale = tree.switch("VECTOR", shown, (0.0, 0.0, 0.0), _softened(tree))
     opacity = tree.switch("FLOAT", shown, 0.0, tree.named(names.OPACITY.name, names.OPACITY.type))
     srgb = _encoded(tree, tree.named(names.COLOR.name, names.COLOR.type))
-    term = tree.vector("SCALE", tree.vector("SUBTRACT", srgb, (0.5,) * 3), 1 / SH_CONSTANT)
+    term = tree.vector("SCALE", tree.vector("SUBTRACT", srgb, (0.5,) * 3), 1 / harmonics.SH_CONSTANT)
+    constant = tree.named(names.HARMONICS[0].name, names.HARMONICS[0].type)
+    follows = tree.compare(tree.input(HARMONICS), "GREATER_THAN", 0.5)
+    term = tree.switch("VECTOR", follows, term, tree.vector("MULTIPLY_ADD", constant, share, term))
     red, green, blue = tree.node("ShaderNodeSeparateXYZ", {"Vector": term}).outputs
     channels = {"Red": red, "Green": green, "Blue": blue, "Alpha": opacity}
     radiance = tree.node("FunctionNodeCombineColor", channels, mode="RGB").outputs[0]
@@ -421,8 +463,29 @@ def _splats(tree: Tree, geometry: Any, shown: Any) -> Any:
         (names.SPLAT_RADIANCE, radiance),
     ):
         cloud = tree.store(cloud, attribute, value)
+    cloud = _with_harmonics(tree, cloud, share)
     cloud = tree.node("GeometryNodePointsSetType", {"Points": cloud, "Type": SPLAT_TYPE}).outputs[0]
     return _with_material(tree, cloud, materials.SPLATS)
+
+
+def _with_harmonics(tree: Tree, cloud: Any, share: Any) -> Any:
+    """The splats with the harmonics of degree 1 and above, as many as the input asks for: Blender counts them."""
+    start = tree.group.nodes.new("GeometryNodeRepeatInput")
+    end = tree.group.nodes.new("GeometryNodeRepeatOutput")
+    start.pair_with_output(end)
+    side = tree.math("ADD", tree.input(HARMONICS), 1.0)
+    tree.set(start.inputs["Iterations"], tree.math("SUBTRACT", tree.math("MULTIPLY", side, side), 1.0))
+    tree.set(start.inputs["Geometry"], cloud)
+    prefix = names.HARMONICS[0].name.removesuffix("00")
+    number = tree.math("ADD", start.outputs["Iteration"], 1.0)
+    value = tree.named(tree.numbered(prefix, 2, number), names.HARMONICS[0].type)
+    store = tree.node("GeometryNodeStoreNamedAttribute", data_type=names.HARMONICS[0].type, domain="POINT")
+    name = tree.numbered(names.SPLAT_HARMONICS_PREFIX, 1, start.outputs["Iteration"])
+    tree.set(socket(store.inputs, "Name"), name)
+    tree.set(socket(store.inputs, "Geometry"), start.outputs["Geometry"])
+    tree.set(socket(store.inputs, "Value"), tree.vector("MULTIPLY", value, share))
+    tree.set(end.inputs["Geometry"], store.outputs[0])
+    return end.outputs["Geometry"]
 
 
 def _instances(tree: Tree, geometry: Any, shown: Any, shape: Any, rotation: Any, scale: Any) -> Any:

@@ -98,6 +98,11 @@ def menu_items(group: bpy.types.NodeTree, name: str) -> tuple[str, ...]:
     return ()
 
 
+def has(modifier: bpy.types.Modifier, name: str) -> bool:
+    """Whether there is such an input: a group of an older version may lack it."""
+    return name in _inputs(modifier.node_group)
+
+
 def get(modifier: bpy.types.Modifier, name: str) -> Any:
     """The value of an input; of a menu, the name of the chosen item."""
     owner, path = property_of(modifier, name)

@@ -34,6 +34,9 @@ SHOWN = Attribute("aa_shown", "BOOLEAN")  # whether the filters let the point th
 SPLAT_SCALE = Attribute("scale", "FLOAT_VECTOR")
 SPLAT_ROTATION = Attribute("rotation", "QUATERNION")
 SPLAT_RADIANCE = Attribute("radiance:base", "FLOAT_COLOR")
+# What spherical harmonics add to the colour, in sRGB: the constant first, then those of degree 1 to 3.
+HARMONICS = tuple(Attribute(f"aa_sh_{index:02}", "FLOAT_VECTOR") for index in range(16))
+SPLAT_HARMONICS_PREFIX = "radiance:sh_"  # Blender's own, counted from 0 at the first of degree 1
 TRAIL = Attribute("aa_trail", "INT")  # how many earlier positions there are
 TRAIL_PREFIX = "aa_trail_"
 PLANES = ("xy", "xz", "yz", "xt", "yt", "zt")
@@ -59,6 +62,7 @@ KEYS = (
     Key(DISPLACEMENT, "aa_d_", "FLOAT"),
     Key(SPEED, "aa_v_", "FLOAT"),
     *(Key(weight, f"aa_w{plane}_", "FLOAT") for weight, plane in zip(WEIGHTS, PLANES, strict=True)),
+    *(Key(term, f"aa_h{index:02}_", "FLOAT_VECTOR") for index, term in enumerate(HARMONICS)),
 )
 UNFINISHED = "aa_unfinished_"  # before the name of a key while its bake runs
 

@@ -4,7 +4,7 @@ import bpy
 
 from . import look_nodes, materials, modifiers, names
 
-DRAWN_AS_GAUSSIANS = "Native Splats need Blender 5.3; here they are drawn as Gaussians, which takes longer."
+DRAWN_AS_GAUSSIANS = "Native Splats need Blender 5.3; here they are drawn as Gaussians, slower and without harmonics."
 CAN_BE_SPLATS = "saved by a Blender without splats of its own; this one has them: Look > Native Splats."
 
 

@@ -124,6 +124,13 @@ class LookPanel(ObjectPanel, bpy.types.Panel):
             layout.label(text="Seen From")
             layout.prop(parts.lead(obj).aa4d, "view", text="")
             layout.operator(operators.FreezeView.bl_idname, icon="FREEZE")
+        if look is not None and look_nodes.has_harmonics(obj, look):
+            _draw_inputs(layout, look, (look_nodes.HARMONICS,))
+            errors = playback.color_errors.get(obj.session_uid)
+            if errors is not None and look_nodes.harmonics_shown(obj, look) and obj.aa4d.playback == "LIVE":
+                column = layout.column(align=True)
+                for text, error in zip(("Colours off by {:.4f}", "Without: {:.4f}"), errors, strict=True):
+                    column.label(text=translated(text).format(error), translate=False)
 
 
 class VehiclesPanel(ObjectPanel, bpy.types.Panel):

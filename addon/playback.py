@@ -33,6 +33,7 @@ FRAMES_KEPT_BYTES = 256 * 2**20  # of evaluated frames, so that playing them aga
 PIECE = 2**20  # bytes at a time, of a file whose hash is taken
 QUICK_SHARE = 99  # percent of the points whose error is told
 TRAILS_KEPT = 2 * time_nodes.LONGEST_TRAIL
+ERRORS_KEPT = 1000
 KIND_WORDS = {MODEL: "a model file", TRACK: "a track file"}
 STANDS_STILL = "it belongs to another file and stands still here; bake it there, or make it and its data local."
 
@@ -46,6 +47,7 @@ class Loaded:
     frames: dict[str, Values] = dataclasses.field(default_factory=dict)  # by stamp
     trails: dict[tuple[str, float], Floats] = dataclasses.field(default_factory=dict)  # positions by carrier and rank
     center: dict[float, Doubles] = dataclasses.field(default_factory=dict)  # of the capture's camera, at the last t
+    errors: dict[str, tuple[float, float] | None] = dataclasses.field(default_factory=dict)  # of harmonics, by stamp
 
     def camera_center(self, t: float) -> Doubles:
         """`Clip.camera_center_at`, remembered: all objects of an import ask for the same."""
@@ -65,6 +67,14 @@ class Loaded:
                 del self.frames[next(iter(self.frames))]
             self.frames[stamp] = values
         return self.frames[stamp]
+
+    def color_errors(self, stamp: str, t: float, center: Doubles) -> tuple[float, float] | None:
+        """`Source.color_errors` of the frame that is kept under this stamp."""
+        if stamp not in self.errors:
+            while len(self.errors) >= ERRORS_KEPT:
+                del self.errors[next(iter(self.errors))]
+            self.errors[stamp] = self.source.color_errors(t, center, self.frames[stamp])
+        return self.errors[stamp]
 
     def trail(self, carrier: str, rank: float) -> Floats:
         """The positions at a frame of the clip; the latest ones asked for are kept."""
@@ -88,9 +98,10 @@ class Moment:
 
 
 # For the panel: the cost of the last evaluation, how far its points were from their places while the timeline played,
-# and the last problem, by the object's session id.
+# by how much its colours are off with harmonics and without, and the last problem, by the object's session id.
 milliseconds: dict[int, float] = {}
 quick_errors_m: dict[int, float] = {}
+color_errors: dict[int, tuple[float, float] | None] = {}
 problems: dict[int, str] = {}
 
 
@@ -176,6 +187,7 @@ def wanted_of(obj: bpy.types.Object) -> frozenset[names.Attribute]:
         return frozenset(wanted)
     if modifiers.get(modifier, look_nodes.LOOK) != materials.POINTS:
         wanted.update(names.SHAPE)
+    wanted.update(names.HARMONICS[: look_nodes.harmonics_shown(obj, modifier)])
     scalar = look_nodes.SCALARS.get(modifiers.get(modifier, look_nodes.COLOR_BY))
     if scalar is not None:
         wanted.update(scalar.needs)
@@ -243,6 +255,8 @@ def show(
     moment = moment_of(obj, loaded, scene, depsgraph)
     if wanted is None:
         wanted = wanted_of(obj if depsgraph is None else obj.evaluated_get(depsgraph))
+    if moment.quick:  # a fit takes too long: harmonics stay those of where the timeline last stood
+        wanted, together = wanted.difference(names.HARMONICS), together.difference(names.HARMONICS)
     stamp = _stamp(loaded, carrier, moment, wanted)
     # The stamp lies on the mesh and not in this module, so that undo and reload take it back with the positions.
     if mesh.get(names.STAMP_PROPERTY) == stamp:
@@ -257,11 +271,13 @@ def show(
         moment = moment_of(obj, loaded, scene, depsgraph)  # seen from elsewhere, where the map is new
         stamp = _stamp(loaded, carrier, moment, wanted)
     together |= wanted
-    evaluation = f"{carrier} {moment.t!r} {moment.center} {sorted(a.name for a in together)} "
-    frame = loaded.frame(
-        evaluation + str(moment.quick), carrier, moment.t, np.array(moment.center), together, moment.quick
-    )
-    played = None if moment.quick else loaded.frames.get(evaluation + str(True))
+    plain, center = together.difference(names.HARMONICS), np.array(moment.center)
+    evaluation = f"{carrier} {moment.t!r} {moment.center} {sorted(a.name for a in plain)} "
+    kept = f"{evaluation}{moment.quick} {len(together - plain)}"
+    frame = loaded.frame(kept, carrier, moment.t, center, together, moment.quick)
+    if len(together) > len(plain):
+        color_errors[obj.session_uid] = loaded.color_errors(kept, moment.t, center)
+    played = None if moment.quick else loaded.frames.get(f"{evaluation}{True} 0")
     if played is not None:  # the timeline has just come to rest here
         off = np.linalg.norm(played[names.POSITION] - frame[names.POSITION], axis=1)[frame[names.OPACITY] > 0]
         quick_errors_m[obj.session_uid] = float(np.percentile(off, QUICK_SHARE)) if len(off) else 0.0
@@ -448,4 +464,5 @@ def unregister() -> None:
     modifiers.forget()
     milliseconds.clear()
     quick_errors_m.clear()
+    color_errors.clear()
     problems.clear()

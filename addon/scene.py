@@ -51,9 +51,10 @@ def has_cycles(scene: bpy.types.Scene) -> bool:
 
 
 def use_cycles(scene: bpy.types.Scene) -> None:
-    """Cycles, with bounces enough for Gaussians."""
+    """Cycles, with bounces enough for Gaussians, none of which is left to chance: that would be noise."""
     scene.render.engine = "CYCLES"
-    scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, TRANSPARENT_BOUNCES)
+    for bounces in ("transparent_max_bounces", "min_transparent_bounces"):
+        setattr(scene.cycles, bounces, max(getattr(scene.cycles, bounces), TRANSPARENT_BOUNCES))
 
 
 def set_up_scene(scene: bpy.types.Scene, camera: bpy.types.Object | None, clip: Clip) -> None:

@@ -76,6 +76,10 @@ class Source(Protocol):
             ModelFileError: the numbers of the file overflow there.
         """
 
+    def color_errors(self, t: float, eye: Doubles, values: Values) -> tuple[float, float] | None:
+        """By how much colours of `values`, evaluated with harmonics for these, are off as the held-out cameras see
+        them: with the harmonics, and without. None where there are no such cameras."""
+
     def positions(self, carrier: str, t: float) -> Floats:
         """Places [points, 3] alone, world metres: for trails."""
 
@@ -89,7 +93,12 @@ class ModelSource:
 
     kind: ClassVar[str] = MODEL
     known_carriers: ClassVar[tuple[str, ...]] = (names.ANCHORS, names.GAUSSIANS)
-    offers: ClassVar[Collection[names.Attribute]] = (*names.APPEARANCE, *names.SHAPE, *names.INSPECTION)
+    offers: ClassVar[Collection[names.Attribute]] = (
+        *names.APPEARANCE,
+        *names.SHAPE,
+        *names.INSPECTION,
+        *names.HARMONICS,  # of the local Gaussians
+    )
 
     field: Field
     knots: Knots | None = None  # for quick frames; without them those are exact
@@ -138,6 +147,10 @@ class ModelSource:
     ) -> Values:
         """See `carriers.evaluate`."""
         return carriers.evaluate(self.field, carrier, t, eye, wanted, self.knots if quick else None)
+
+    def color_errors(self, t: float, eye: Doubles, values: Values) -> tuple[float, float] | None:
+        """See `sights.color_errors`."""
+        return carriers.color_errors(self.field, t, eye, values)
 
     def positions(self, carrier: str, t: float) -> Floats:
         """See `carriers.positions`."""
@@ -222,6 +235,10 @@ class TrackSource:
             values[names.SPEED] = carriers.mean_speed(self.track, t, self.track.positions_at)
         carriers.check_finite(values, self.track, t)
         return values
+
+    def color_errors(self, t: float, eye: Doubles, values: Values) -> tuple[float, float] | None:  # noqa: ARG002
+        """Its colours are the same from everywhere."""
+        return None
 
     def positions(self, carrier: str, t: float) -> Floats:  # noqa: ARG002 - there is one
         """The centres."""

@@ -55,8 +55,18 @@ GERMAN = {
     "The world stays yours: only one of Set Up Scene is the background": (
         "Die Welt bleibt die eigene: Hintergrund ist nur die von Szene einrichten"
     ),
-    "Native Splats need Blender 5.3; here they are drawn as Gaussians, which takes longer.": (
-        "Eigene Splats braucht Blender 5.3; hier werden sie als Gaußfunktionen gezeichnet, was länger dauert."
+    "Native Splats need Blender 5.3; here they are drawn as Gaussians, slower and without harmonics.": (
+        "Eigene Splats braucht Blender 5.3; hier werden sie als Gaußfunktionen gezeichnet, langsamer und ohne "
+        "Harmonische."
+    ),
+    "Harmonics": "Harmonische",
+    "Colours off by {:.4f}": "Farben {:.4f} daneben",
+    "Without: {:.4f}": "Ohne sie: {:.4f}",
+    "; colours are off by {:.4f} with harmonics, {:.4f} without": (
+        "; Farben sind mit Harmonischen um {:.4f} daneben, ohne um {:.4f}"
+    ),
+    "Harmonics are of Native Splats of a model, which this import does not show": (
+        "Harmonische haben nur eigene Splats eines Modells, die dieser Import nicht zeigt"
     ),
     "Relink": "Neu verknüpfen",
     "Inspection": "Untersuchung",

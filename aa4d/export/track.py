@@ -127,4 +127,5 @@ def _header(clip: Clip, out: Path, times: list[float], errors: dict[str, float])
         "groups": [{"name": name} for name in clip.group_names()],
         "errors": errors,
         **({} if clip.identity is None else {"identity": clip.identity.as_json()}),
+        **({} if clip.origin is None else {"geographic_origin": dict(clip.origin)}),
     }

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import matplotlib
 import numpy as np
@@ -17,6 +18,7 @@ from aa4d.capture.schema import PinholeCamera
 from aa4d.errors import InputError
 from aa4d.field.planes import SPATIOTEMPORAL
 from aa4d.filming.camera_path import View
+from aa4d.kernels.plane_lookup import PLANES
 from aa4d.methods.capabilities import WeighsPlanes
 from aa4d.methods.model_file import LoadedModel
 from aa4d.methods.rendering import render
@@ -54,10 +56,15 @@ def spatiotemporal_share(loaded: LoadedModel, t: float | None) -> Tensor:
     Raises:
         InputError: a model whose aggregation has no weights.
     """
+    return _weights_on(SPATIOTEMPORAL, loaded, t)
+
+
+def _weights_on(planes: Sequence[int], loaded: LoadedModel, t: float | None) -> Tensor:
+    """[N] in [0, 1]: the part of each anchor's aggregation weights that lies on some of `PLANES`."""
     weights = None if t is None else plane_weights(loaded.model, t)
     if weights is None:
         raise InputError(f"{loaded.path}: has no aggregation weights, so no activity to show; choose the layer motion")
-    return weights[:, SPATIOTEMPORAL].sum(1)
+    return weights[:, planes].sum(1)
 
 
 def plane_weights(model: SceneModel, t: float) -> Tensor | None:
@@ -123,6 +130,10 @@ LAYERS: dict[str, Layer] = {
     "activity": Layer("weight on spatio-temporal planes", "share", "viridis", _painted, spatiotemporal_share),
     "motion": Layer("distance from the canonical place", "m", "inferno", _painted, displacement_m, from_zero=True),
     "speed": Layer("speed", "m/s", "inferno", _painted, speed_mps, from_zero=True),
+    **{
+        f"weight-{name}": Layer(f"weight of the plane {name}", "share", "viridis", _painted, partial(_weights_on, [p]))
+        for p, name in enumerate(PLANES)
+    },
 }
 
 # Pictures: anchors painted with colours, which need no scale. [N, 3] sRGB in [0, 1].

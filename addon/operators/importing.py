@@ -6,8 +6,9 @@ import bpy
 from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ImportHelper
 
-from .. import bake, first_sight, importer, look_nodes, names, parts, properties
+from .. import bake, first_sight, importer, look_nodes, modifiers, names, parts, properties
 from ..container import ModelFileError
+from ..harmonics import HIGHEST
 from ..scene import has_cycles
 from .baking import bake_now
 
@@ -65,6 +66,14 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         description="Render what aa4d render draws: sRGB values are blended, as in training. The panel switches it",
         default=False,
     )
+    harmonics: bpy.props.IntProperty(  # type: ignore[valid-type]
+        name="Harmonics",
+        description="Degree of spherical harmonics by which colours of Native Splats follow every camera; 0: none",
+        default=0,
+        min=0,
+        max=HIGHEST,
+        options=set() if look_nodes.SPLATS_KNOWN else {"HIDDEN"},
+    )
     vehicles: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Vehicles as Objects",
         description="An object for each vehicle, to select, hide, delete and colour, where the model knows vehicles",
@@ -111,6 +120,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
             self.set_timeline,
             self.set_up_scene,
             self.trained_picture,
+            self.harmonics,
             self.vehicles,
             self.largest,
         )
@@ -140,6 +150,10 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         self.report({"INFO"}, text)
         if self.set_up_scene and not has_cycles(context.scene):
             self.report({"WARNING"}, translated("Cycles is switched off: the render engine stays as it was"))
+        look = modifiers.of(imported.points, names.LOOK_MODIFIER)
+        if self.harmonics and look is not None and not look_nodes.has_harmonics(imported.points, look):
+            text = "Harmonics are of Native Splats of a model, which this import does not show"
+            self.report({"WARNING"}, translated(text))
         return {"FINISHED"}
 
 

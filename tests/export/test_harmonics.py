@@ -102,6 +102,13 @@ def test_ply_holds_them_channel_by_channel(colored: Clip, tmp_path: Path) -> Non
         export(replace(colored, degree=2), "ply", tmp_path / "out", silent)
 
 
+def test_without_held_out_cameras_the_file_is_whole_and_its_error_unknown(colored: Clip, tmp_path: Path) -> None:
+    frames = tuple(replace(frame, split="train") for frame in colored.loaded.frames)
+    said = export(replace(colored, loaded=replace(colored.loaded, frames=frames)), "ply", tmp_path / "out", silent)
+    assert said == "No camera was held out to tell how far colors as harmonics of degree 3 are off"
+    assert len(list((tmp_path / "out").glob("*.ply"))) == len(colored)
+
+
 @pytest.mark.parametrize("name", ["points", "track", "html", "4dgs"])
 def test_formats_without_room_for_them_say_so(colored: Clip, tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"--harmonics 3: .* has one color a Gaussian"):

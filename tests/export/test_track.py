@@ -147,3 +147,15 @@ def test_every_truncation_is_refused(path: Path, tmp_path: Path) -> None:
         (tmp_path / "track.safetensors").write_bytes(content[:length])
         with pytest.raises(ModelFileError):
             read_track(tmp_path / "track.safetensors")
+
+
+def test_it_says_where_on_earth_and_the_extension_reads_it(
+    clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    origin = {"latitude_deg": 52.5, "longitude_deg": 13.4, "altitude_m": 34.0}
+    monkeypatch.setattr("aa4d.export.origin.geographic_origin", lambda _loaded: origin)
+    export(clip, "track", tmp_path / "out", silent)
+    path = tmp_path / "out/track.safetensors"
+    information = json.loads(read_header(path, ("F32", "U32", "I32", "U16", "U8")).metadata["aa4d"])
+    assert information["geographic_origin"] == origin
+    assert len(read_track(path).ids) > 0

@@ -143,6 +143,17 @@ def test_activity_is_the_weight_on_the_planes_with_time(loaded: LoadedModel) -> 
     assert not torch.allclose(share, torch.full_like(share, 0.5), atol=1e-4)
 
 
+def test_weights_of_the_planes_are_layers_that_sum_to_one(loaded: LoadedModel) -> None:
+    names = [name for name in LAYERS if name.startswith("weight-")]
+    assert names == ["weight-xy", "weight-xz", "weight-yz", "weight-xt", "weight-yt", "weight-zt"]
+    view = path_of_frames(loaded, "all").views[3]
+    values = draw(loaded, view, loaded.camera, [*names, "activity"]).values
+    shown = np.isfinite(values["activity"])
+    np.testing.assert_allclose(sum(values[name] for name in names)[shown], 1, atol=1e-4)
+    np.testing.assert_allclose(sum(values[name] for name in names[3:])[shown], values["activity"][shown], atol=1e-4)
+    assert values["weight-xt"][shown].std() > 0
+
+
 def test_motion_is_in_metres_and_nothing_moves_in_the_coarse_stage(toy_run: Path, loaded: LoadedModel) -> None:
     with torch.no_grad():
         moved = loaded.model.deformed(loaded.model.anchors.rows(), 0.9).position - loaded.model.anchors.position

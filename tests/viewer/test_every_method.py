@@ -22,7 +22,7 @@ from tests.toy_capture import write_toy_capture
 from tests.toy_run import silent
 
 WIDTH, HEIGHT = 36, 24
-WITHOUT_PLANES = {"activity"}
+WITHOUT_WEIGHTS = {"activity", *(name for name in LAYER_NAMES if name.startswith("weight-"))}
 WITHOUT_GROUPS = {"movers"}
 
 
@@ -47,7 +47,7 @@ def test_the_menu_has_the_layers_of_the_method(page: Page, run: Path) -> None:
     [shown] = page.drawing.shown
     options = page._layer.options
     assert options == tuple(name for name in LAYER_NAMES if name not in shown.lacking)
-    assert set(LAYER_NAMES) - set(options) <= WITHOUT_PLANES | WITHOUT_GROUPS
+    assert set(LAYER_NAMES) - set(options) <= WITHOUT_WEIGHTS | WITHOUT_GROUPS
     assert {"color", "depth", "alpha", "motion", "speed", "error", "frame"} <= set(options)
     assert shown.loaded.method == run.name
     assert "units" in page._title.content

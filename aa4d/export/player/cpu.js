@@ -13,35 +13,36 @@ class CpuPainter {
       worker.onmessage = ({ data }) => this.#came(first, data.result);
       return worker;
     });
-    this.drawing = null; // the view that is being drawn
+    this.jobs = []; // views that are being drawn, the oldest first, and the rows of each that have come
     this.shown = null; // the view that is on the canvas
-    this.rows = [];
   }
 
-  // A view that comes while another is drawn waits: the caller draws again at `onnews`.
+  // One view is drawn and one waits, so that no worker does: beyond that the caller draws again at `onnews`.
   draw(view) {
-    if (this.drawing || this.shown === view) return;
-    this.drawing = view;
-    this.rows = [];
+    const newest = this.jobs.at(-1)?.view ?? this.shown;
+    if (newest === view || this.jobs.length > 1) return;
+    this.jobs.push({ view, rows: [] });
     const stride = this.workers.length;
     this.workers.forEach((worker, first) =>
       worker.postMessage({ what: "picture", t: view.t, matrix: view.matrix, lens: view.lens, first, stride }));
   }
 
+  // A worker answers in the order of its jobs.
   #came(first, bytes) {
-    this.rows[first] = bytes;
-    if (this.rows.filter(Boolean).length < this.workers.length) return;
-    const { width, height } = this.drawing.lens, stride = this.workers.length;
+    this.jobs.find(({ rows }) => !rows[first]).rows[first] = bytes;
+    const [{ view, rows }] = this.jobs;
+    if (rows.filter(Boolean).length < this.workers.length) return;
+    this.jobs.shift();
+    const { width, height } = view.lens, stride = this.workers.length;
     const image = new ImageData(width, height), line = 4 * width;
     for (let y = 0; y < height; y++) {
       const from = Math.floor(y / stride) * line;
-      image.data.set(this.rows[y % stride].subarray(from, from + line), y * line);
+      image.data.set(rows[y % stride].subarray(from, from + line), y * line);
     }
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
     this.context.putImageData(image, 0, 0);
-    this.shown = this.drawing;
-    this.drawing = null;
+    this.shown = view;
     this.onnews?.();
   }
 }

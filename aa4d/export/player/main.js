@@ -31,6 +31,8 @@ class Player {
     this.moved = -Infinity;
     this.view = null;
     this.pictures = 0; // shown since the page was opened
+    this.shownAt = 0;
+    this.moves = false;
     this.waiting = [];
     this.target = this.#ahead();
     new ResizeObserver(() => this.#touch()).observe(this.canvas);
@@ -117,9 +119,10 @@ class Player {
   // How long pictures take decides on how many pixels they have while something moves.
   #count(now) {
     this.pictures++;
-    const took = now - (this.shownAt ?? now);
+    const took = Math.min(now - this.shownAt, 500), moves = now - this.moved <= REST_MS, goesOn = moves && this.moves;
     this.shownAt = now;
-    if (now - this.moved > REST_MS || took > 500) return;
+    this.moves = moves; // the first picture after a rest says nothing of what pictures take
+    if (!goesOn) return;
     this.pace = this.pace === null ? took : this.pace + 0.2 * (took - this.pace);
     if (this.pace > SLOW_MS) this.scale = Math.max(COARSEST, this.scale * 0.93);
     else if (this.pace < QUICK_MS) this.scale = Math.min(1, this.scale * 1.03);

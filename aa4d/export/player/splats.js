@@ -136,7 +136,7 @@ function picture(scene, job) {
   const { splats, depths, count } = project(scene, job.t, job.matrix, job.lens);
   const most = scene.header.constants.max_alpha;
   const rows = Math.max(Math.ceil((height - first) / stride), 0);
-  const image = new Float64Array(rows * width * 3);
+  const image = new Float32Array(rows * width * 3);
   for (let i = 0; i < image.length; i++) image[i] = scene.header.background[i % 3];
   for (const rank of farToNear(depths, count)) {
     const at = rank * FIELDS;
