@@ -174,8 +174,8 @@ def report(
     out: Annotated[Path, arg(help="Folder for the tables and the figures.")],
     against: Annotated[str | None, arg(help="Variant that the others are compared with; by default the first.")] = None,
 ) -> None:
-    """Write heterogeneity.md, heterogeneity.json, a figure for each score, scenes.csv with their indices, and means.csv,
-    gains.csv and slopes-*.csv with a row for each variant."""
+    """Write heterogeneity.md and .json, a figure for each score, scenes.csv with their indices, and means.csv, gains.csv
+    and slopes-*.csv with a row for each variant."""
     table = rows_of(rows)
     found = findings(table, against)
     if not found:
