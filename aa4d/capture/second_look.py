@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aa4d.capture.movers import FLOW_PX, MAX_MOVING_FRACTION
-from aa4d.capture.pictures import save_png
+from aa4d.capture.pictures import read_gray, save_png
 from aa4d.capture.placement import Placement
 from aa4d.capture.static_depth import Floats, Seen, unexplained
 from aa4d.capture.undistortion import Pictures
@@ -52,12 +52,12 @@ def write_second_masks(placement: Placement, pictures: Pictures, folder: Path, p
     for index, name in enumerate(names):
         target = folder / f"{name}.mask.png"
         if not target.exists():
-            first = _gray(pictures.folder / f"{name}.mask.png") > 0
+            first = read_gray(pictures.folder / f"{name}.mask.png") > 0
             moving = moving_pixels(unexplained(seen, index), first)
             # Where so much moves, the cameras are wrong rather than the first look.
             moving = first if moving.mean() > MAX_MOVING_FRACTION else moving
             save_png(target, np.where(moving, 255, 0).astype(np.uint8))
-        shares.append(float((_gray(target) > 0).mean()))
+        shares.append(float((read_gray(target) > 0).mean()))
         progress(index + 1, len(names))
     return SecondMasks(folder, float(np.mean(shares)))
 
@@ -88,10 +88,6 @@ def _disc(size: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
 
 
-def _gray(path: Path) -> NDArray[np.uint8]:
-    return np.asarray(cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE))
-
-
 def _scaled(path: Path, scale: float) -> NDArray[np.uint8]:
     kind = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(_gray(path), None, fx=scale, fy=scale, interpolation=kind))
+    return np.asarray(cv2.resize(read_gray(path), None, fx=scale, fy=scale, interpolation=kind))
