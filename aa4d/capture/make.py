@@ -147,8 +147,9 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     pictures = workspace.run(
         pictures_step(clip, placement.ranks, placement.cameras, placement.pinhole, masks, settings.size_px)
     )
-    looks_again = settings.movers == "twice" and source.annotations is None
-    second = workspace.run(second_look_step(placement, pictures)) if looks_again else None
+    looks_again = masks is not None and source.annotations is None
+    adds = settings.movers == "twice"
+    second = workspace.run(second_look_step(placement, pictures, adds)) if looks_again else None
     boxes = None if source.annotations is None else placement.boxes(source.annotations, clip)
     generator = {
         "input": path.name,

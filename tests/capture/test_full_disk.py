@@ -47,6 +47,18 @@ def test_a_disk_that_fills_while_a_stage_runs_stops_it(monkeypatch: pytest.Monke
         colmap.run(stage, tmp_path)
 
 
+def test_a_database_that_finds_no_room_beside_itself_is_a_full_disk(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """COLMAP says of a -shm file that it cannot write: No registered database factory succeeded."""
+    (tmp_path / "database.db").mkdir()  # cannot be opened either
+    with pytest.raises(RuntimeError, match="database"), colmap.opened(tmp_path / "database.db"):
+        pass
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=20_000))
+    with pytest.raises(OSError, match="less than 4 MiB are free"), colmap.opened(tmp_path / "database.db"):
+        pass
+
+
 @pytest.mark.parametrize("file", ["cameras.bin", "images.bin", "points3D.bin"])
 @pytest.mark.parametrize("left", [0, 20])
 def test_a_model_that_could_not_be_written_is_noticed_and_the_same_command_heals(
