@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aa4d.capture.clip import Clip, ClipFrame
+from aa4d.capture.mapping import Cameras
 from aa4d.capture.reader import read_capture
 from aa4d.capture.report import _view
 from aa4d.capture.schema import PinholeCamera
@@ -41,6 +43,16 @@ def test_what_the_command_tells(made: CaptureSummary, capsys: pytest.CaptureFixt
     assert "pictures of one plane" not in said
     tell(replace(made, used=4 * made.frames))
     assert "next:    what the advice says, before you train on it\n" in capsys.readouterr().out
+
+
+def test_cameras_of_a_later_attempt_are_told_with_what_it_begins_with(tmp_path: Path) -> None:
+    frames = tuple(ClipFrame(f"{i}.png", f"{i}.jpg", 0.1 * i, i, 1.0, None) for i in range(3))
+    clip = Clip(tmp_path, 320, 240, (320, 240), frames, ())
+    cameras = Cameras(tmp_path, (0, 1), (), attempts=2, focal_was_kept=False, median_angle_deg=3.0)
+    told_of_attempt, left_out = cameras.notes(clip)
+    assert "attempt 2 of 3, which begins with a pair that sees 50 points under 4 degrees: depths are" in told_of_attempt
+    assert left_out == "2.jpg left out: no pose could be found"
+    assert replace(cameras, attempts=1, registered=(0, 1, 2)).notes(clip) == []
 
 
 def test_many_notes_of_one_kind_are_one() -> None:
