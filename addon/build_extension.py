@@ -68,8 +68,12 @@ def main() -> int:
     out = parser.parse_args().out
     try:
         build(out)
-    except (OSError, subprocess.CalledProcessError) as error:
-        print(getattr(error, "stdout", None) or error, file=sys.stderr)
+    except OSError as error:
+        print(error, file=sys.stderr)
+        return 2
+    except subprocess.CalledProcessError as error:
+        said = error.stdout.strip()
+        print(said.splitlines()[-1] if "Traceback" in said else said or error, file=sys.stderr)
         return 2
     print(f"Wrote {out} ({out.stat().st_size / 1024:.0f} KiB)")
     return 0

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aa4d.capture.focal import Tried, contradicts
+from aa4d.capture.horizon import Horizon
 from aa4d.capture.selection import abbreviate
 
 NOTHING_RECONSTRUCTED = "no cameras could be reconstructed"
@@ -13,6 +14,8 @@ GOOD_SHARE = 0.95
 GOOD_ERROR_PX = 1.0
 TURNING = ("PANORAMIC", "PLANAR_OR_PANORAMIC")
 FLAT = ("PLANAR", *TURNING)
+MANY_SHARE = 0.3  # of the frames that show the horizon
+TILT_DEG = 6.0  # of the ground against the horizon: roads climb by less
 FLAT_SHARE = 0.9  # fraction of the pairs: with more, next to nothing in the frames tells the focal length
 
 
@@ -98,6 +101,31 @@ def standing_out_advice(labels: list[str]) -> list[Advice]:
         "there: look at the 3D view in the report, try --preset accurate, or leave them out (--start, --end)."
     )
     return [Advice(what)]
+
+
+def horizon_advice(horizon: Horizon | None, labels: list[str]) -> list[Advice]:
+    """Advice on cameras that the horizon contradicts; `labels` of all frames."""
+    if horizon is None:
+        return []
+    seen = f"what looks like the horizon in {horizon.seen} of {len(labels)} frames"
+    turned = f"turned against each other by up to {horizon.spread_deg:.0f} degrees"
+    if len(horizon.apart) > MANY_SHARE * horizon.seen:
+        what = (
+            f"The cameras are wrong: by {seen}, they are {turned}. Give --fov, or use another part of the clip "
+            "(--start, --end)."
+        )
+        return [Advice(what, "An outline that is no horizon, such as the edge of a long roof, can be the reason.")]
+    if horizon.apart:
+        names = abbreviate([labels[i] for i in horizon.apart])
+        what = f"{names}: by {seen}, these cameras and the others are {turned}. Leave them out (--start, --end)."
+        return [Advice(what)]
+    if horizon.tilt_deg > TILT_DEG:
+        what = (
+            f"The world's up is {horizon.tilt_deg:.0f} degrees off {seen}: the ground slopes, or the field of view is "
+            "wrong; if you know it, give --fov."
+        )
+        return [Advice(what)]
+    return []
 
 
 def advice(

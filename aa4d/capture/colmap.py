@@ -6,6 +6,7 @@ import errno
 import shutil
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -74,6 +75,22 @@ def run(stage: Callable[[Any], T], writes_to: Path, watch: Callable[[], None] = 
     if failure:
         raise failure[0]
     return result[0]
+
+
+@contextmanager
+def opened(database: Path) -> Iterator[Any]:
+    """COLMAP's database, to look into.
+
+    Raises:
+        OSError: there is no space left for the files that it makes beside itself.
+    """
+    try:
+        found = pycolmap.Database.open(database)
+    except RuntimeError:
+        check_space(database.parent, TO_GO_ON_BYTES)
+        raise
+    with found:
+        yield found
 
 
 def check_space(folder: Path, least: int) -> None:

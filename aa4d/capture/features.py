@@ -9,7 +9,7 @@ from pathlib import Path
 import pycolmap
 
 from aa4d.capture.clip import Clip
-from aa4d.capture.colmap import in_blocks, run
+from aa4d.capture.colmap import in_blocks, opened, run
 from aa4d.capture.movers import Masks
 from aa4d.capture.overlay import Overlay
 from aa4d.capture.settings import Reconstruction
@@ -96,9 +96,9 @@ def extract(
             ),
             folder,
         )
-        with pycolmap.Database.open(database) as opened:
-            reader.existing_camera_id = opened.read_all_cameras()[0].camera_id
+        with opened(database) as stored:
+            reader.existing_camera_id = stored.read_all_cameras()[0].camera_id
         progress(done + len(block), len(names))
-    with pycolmap.Database.open(database) as opened:
-        found = {image.name: opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()}
+    with opened(database) as stored:
+        found = {image.name: stored.num_keypoints_for_image(image.image_id) for image in stored.read_all_images()}
     return Features(folder, tuple(found.get(name, 0) for name in names))

@@ -16,6 +16,7 @@ from aa4d.capture.advice import (
     Advice,
     advice,
     field_of_view_advice,
+    horizon_advice,
     standing_out_advice,
     stated_field_of_view_advice,
 )
@@ -23,10 +24,12 @@ from aa4d.capture.assembly import Published, capture_step, forget_damaged
 from aa4d.capture.clip import Clip
 from aa4d.capture.features import features_step, stated_focal_px
 from aa4d.capture.focal import Tried, rivals
+from aa4d.capture.horizon import horizon_of
 from aa4d.capture.mapping import Cameras, adopt_step, solve_step, triangulate_step
 from aa4d.capture.matching import Matches, matches_step
 from aa4d.capture.movers import Masks, masking_method, movers_step
 from aa4d.capture.overlay import NOTED, Overlay, overlay_step
+from aa4d.capture.pictures import read_gray
 from aa4d.capture.placement import Placement, place
 from aa4d.capture.report import write_report
 from aa4d.capture.second_look import SecondMasks, second_look_step
@@ -36,7 +39,7 @@ from aa4d.capture.settings import CaptureSettings, Selection
 from aa4d.capture.sources import Source, open_source
 from aa4d.capture.spacing import Spacing, spacing_advice, spacing_step
 from aa4d.capture.summary import CaptureSummary
-from aa4d.capture.undistortion import pictures_step
+from aa4d.capture.undistortion import Pictures, pictures_step
 from aa4d.capture.workspace import DiskFullError, Progress, Workspace
 from aa4d.errors import InputError, Interrupted
 from aa4d.files import LOCK, claimed, make_folder, read_json_object, write_json
@@ -144,8 +147,9 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     pictures = workspace.run(
         pictures_step(clip, placement.ranks, placement.cameras, placement.pinhole, masks, settings.size_px)
     )
-    looks_again = settings.movers == "twice" and source.annotations is None
-    second = workspace.run(second_look_step(placement, pictures)) if looks_again else None
+    looks_again = masks is not None and source.annotations is None
+    adds = settings.movers == "twice"
+    second = workspace.run(second_look_step(placement, pictures, adds)) if looks_again else None
     boxes = None if source.annotations is None else placement.boxes(source.annotations, clip)
     generator = {
         "input": path.name,
@@ -176,7 +180,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         advice=(
             *_field_of_view_advice(source, clip, matches, cameras, settings, fov_deg),
             *_spacing_advice(spacing, placement, settings),
-            *_quality_advice(clip, matches, cameras, placement, published, notes),
+            *_quality_advice(clip, matches, cameras, placement, pictures, published, notes),
         ),
         seconds=dict(workspace.seconds),
         report=out / "report.html",
@@ -253,14 +257,18 @@ def _quality_advice(
     matches: Matches | None,
     cameras: Cameras,
     placement: Placement,
+    pictures: Pictures,
     published: Published,
     notes: list[str],
 ) -> list[Advice]:
     shots, check = placement.shots, published.check
+    grays = (read_gray(pictures.folder / f"{shot.name}.png") for shot in shots)
     viewmats, good_px = np.array([shot.viewmat for shot in shots]), GOOD_ERROR_PX * placement.shrinkage
     label_of = {shot.name: shot.label for shot in shots}
     apart = standing_out(list(label_of), viewmats, check.frame_px, good_px)
-    return standing_out_advice([label_of[name] for name in apart]) + advice(
+    horizon = horizon_of(grays, placement.pinhole.K, viewmats)
+    said = horizon_advice(horizon, list(label_of.values())) + standing_out_advice([label_of[name] for name in apart])
+    return said + advice(
         len(placement.shots) / len(clip.frames),
         published.check.reprojection_px.median / placement.shrinkage,
         len(cameras.other_models),

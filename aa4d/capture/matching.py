@@ -16,7 +16,7 @@ import numpy as np
 import pycolmap
 
 from aa4d.capture.clip import Clip
-from aa4d.capture.colmap import in_blocks, run
+from aa4d.capture.colmap import in_blocks, opened, run
 from aa4d.capture.features import Features
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress, Step, StepResult
@@ -93,9 +93,9 @@ def match(
 
 def _verified(database: Path, names: list[str]) -> tuple[dict[str, int], tuple[int, ...]]:
     """Pairs that hold by their kind of geometry, and the frames that have nothing in common with the next."""
-    with pycolmap.Database.open(database) as opened:
-        rank_of = {image.image_id: names.index(image.name) for image in opened.read_all_images()}
-        ids, geometries = opened.read_two_view_geometries()
+    with opened(database) as stored:
+        rank_of = {image.image_id: names.index(image.name) for image in stored.read_all_images()}
+        ids, geometries = stored.read_two_view_geometries()
     kinds: Counter[str] = Counter()
     joined: set[int] = set()
     for pair, geometry in zip(ids, geometries, strict=True):

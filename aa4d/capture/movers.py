@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from aa4d.capture.annotations import Annotations
 from aa4d.capture.clip import Clip
-from aa4d.capture.pictures import save_png
+from aa4d.capture.pictures import read_gray, save_png
 from aa4d.capture.selection import abbreviate
 from aa4d.capture.workspace import Progress, Step, StepResult
 
@@ -96,7 +96,7 @@ def write_masks(clip: Clip, annotations: Annotations | None, folder: Path, progr
 
 def read_mask(path: Path) -> Mask:
     """[H, W]: where a stored mask is black, something moves."""
-    return np.asarray(cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE)) == 0
+    return read_gray(path) == 0
 
 
 def box_mask(clip: Clip, boxes: NDArray[np.float64]) -> Mask:
@@ -141,8 +141,7 @@ class EpipolarMotion:
         if index not in self._grey:
             for far in [i for i in self._grey if abs(i - index) > FARTHEST + 1]:
                 del self._grey[far]
-            data = np.fromfile(self.clip.folder / self.clip.frames[index].file, np.uint8)
-            grey = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+            grey = read_gray(self.clip.folder / self.clip.frames[index].file)
             kind = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_CUBIC
             self._grey[index] = np.asarray(cv2.resize(grey, None, fx=self.scale, fy=self.scale, interpolation=kind))
         return self._grey[index]

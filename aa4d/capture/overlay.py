@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aa4d.capture.clip import Clip
-from aa4d.capture.pictures import save_png
+from aa4d.capture.pictures import read_gray, save_png
 from aa4d.capture.workspace import Progress, Step, StepResult
 
 LOOKED_AT = 24  # frames, evenly over the clip
@@ -37,7 +37,7 @@ class Overlay(StepResult):
 
     def covers(self) -> NDArray[np.bool_]:
         """[H, W] of the clip's frames."""
-        return np.asarray(cv2.imdecode(np.fromfile(self.mask, np.uint8), cv2.IMREAD_GRAYSCALE)) == 0
+        return read_gray(self.mask) == 0
 
 
 def overlay_step(clip: Clip) -> Step[Overlay]:
@@ -79,7 +79,7 @@ def still_in(files: list[Path]) -> NDArray[np.bool_] | None:
         return None
     pictures = []
     for index in chosen:
-        gray = cv2.imdecode(np.fromfile(files[index], np.uint8), cv2.IMREAD_GRAYSCALE)
+        gray = read_gray(files[index])
         scale = min(1.0, LONGEST_PX / max(gray.shape))
         pictures.append(np.asarray(cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8))
     still = still_outlines(pictures)

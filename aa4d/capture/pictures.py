@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFile, ImageOps
@@ -34,6 +35,11 @@ def read_picture(path: Path) -> NDArray[np.uint8]:
             return np.array(image.convert("RGB"))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise InputError(f"{path}: cannot be read as a picture ({error}); copy it again or remove it") from None
+
+
+def read_gray(path: Path) -> NDArray[np.uint8]:
+    """[H, W] brightness of a picture that this program wrote."""
+    return np.asarray(cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE))
 
 
 def pixel_format(image: ImageFile.ImageFile) -> str:

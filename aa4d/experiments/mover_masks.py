@@ -22,8 +22,7 @@ from tyro.conf import Positional, arg
 from aa4d.capture.clip import Clip, ClipFrame
 from aa4d.capture.movers import EpipolarMotion
 from aa4d.capture.reader import Capture, read_capture
-from aa4d.capture.second_look import frames_seen, moving_pixels
-from aa4d.capture.static_depth import Seen, unexplained
+from aa4d.capture.second_look import frames_seen, second_mask
 from aa4d.capture.truth import instance_ids_of, moving_mask, read_array
 from aa4d.errors import InputError
 from aa4d.experiments.program import run_as_program
@@ -85,7 +84,7 @@ def measure(capture: Capture) -> list[dict[str, Any]]:
     names = [capture.folder / frame.image for frame in capture.frames]
     viewmats = np.array([frame.viewmat for frame in capture.frames])
     seen = frames_seen(names, capture.camera.K, (capture.camera.width, capture.camera.height), viewmats, capture.points)
-    counts = {"first": Count(), "second": Count()}
+    counts = {"first": Count(), "auto": Count(), "twice": Count()}
     for index in range(1, len(capture.frames), EVERY):
         ids, moving = instance_ids_of(capture, index), moving_mask(capture, index)
         if ids is None or moving is None:
@@ -93,14 +92,11 @@ def measure(capture: Capture) -> list[dict[str, Any]]:
         shown = [ids == number for number in numbers[moves[index]]]
         vehicles = [vehicle for vehicle in shown if vehicle.sum() >= MIN_VISIBLE_PX]
         mask = _timed(counts["first"], partial(first.mask, index))
-        again = _timed(counts["second"], partial(_second, seen, index, mask))
         counts["first"].add(mask, moving, vehicles)
-        counts["second"].add(again, moving, vehicles)
+        for look, adds in (("auto", False), ("twice", True)):
+            again = _timed(counts[look], partial(second_mask, seen, index, mask, adds))
+            counts[look].add(again, moving, vehicles)
     return [{"capture": capture.folder.name, "look": look, **count.row()} for look, count in counts.items()]
-
-
-def _second(seen: Seen, index: int, first: Mask) -> Mask:
-    return moving_pixels(unexplained(seen, index), first)
 
 
 def _timed(count: Count, make: Callable[[], Mask]) -> Mask:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from aa4d.capture.second_look import moving_pixels
+from aa4d.capture.second_look import moving_pixels, second_mask, without_static
 from aa4d.capture.static_depth import Seen, depth_limits, unexplained
 from tests.capture import aerial
 
@@ -60,6 +60,42 @@ def test_a_car_is_masked_and_a_gantry_is_not(off: NDArray[np.float32]) -> None:
     assert not moving[shown(GANTRY)].any()
     around = cv2.dilate(shown(car(INDEX)).astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
     assert moving[~around].mean() < 0.002
+
+
+def test_patches_that_stand_still_are_let_go_and_those_of_cars_stay(off: NDArray[np.float32]) -> None:
+    gantry, cars = (around(surface) for surface in (GANTRY, car(INDEX)))
+    assert np.array_equal(without_static(off, gantry | cars), cars)
+
+
+def test_what_other_frames_do_not_show_stays_masked(off: NDArray[np.float32]) -> None:
+    patch = around(GANTRY)
+    unseen = np.where(np.arange(off.shape[1]) < np.nonzero(patch.any(axis=0))[0].mean() + 20, 0, off)
+    assert np.array_equal(without_static(unseen.astype(np.float32), patch), patch)
+
+
+def test_a_small_car_of_little_contrast_stays_masked() -> None:
+    """As in real frames: its own window is as large as it is, and it disagrees by a pixel only."""
+    random = np.random.default_rng(0)
+    off = random.uniform(0.05, 0.3, (90, 120)).astype(np.float32)
+    first = np.zeros(off.shape, bool)
+    first[40:57, 50:67] = True
+    off[44:53, 54:63] = random.uniform(0.85, 1.4, (9, 9))
+    assert without_static(off, first).sum() == 17 * 17
+    assert not moving_pixels(off, first).any(), "too little to be masked for itself"
+    off[44:53, 54:63] = 0.4
+    assert not without_static(off, first).any()
+
+
+def test_only_on_demand_is_anything_added() -> None:
+    seen = seen_from(aerial.arc(sweep_deg=20))
+    nothing = np.zeros(seen.pictures[0].shape, bool)
+    assert not second_mask(seen, INDEX, nothing, adds=False).any()
+    assert second_mask(seen, INDEX, nothing, adds=True)[shown(car(INDEX))].mean() > 0.8
+
+
+def around(surface: aerial.Surface) -> NDArray[np.bool_]:
+    """A patch as the first look makes it, with a border."""
+    return np.asarray(cv2.dilate(shown(surface).astype(np.uint8), np.ones((9, 9), np.uint8))) > 0
 
 
 def test_what_moves_needs_no_first_look(off: NDArray[np.float32]) -> None:

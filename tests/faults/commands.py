@@ -65,7 +65,7 @@ COMMANDS = (
     _of_run("inspect", "inspect", "{disk}/run", "--capture", "{inputs}/capture"),
     _of_run("render", "render", "{disk}/run", "--frames", "3", "--layers", "color", "motion"),
     *(_of_run(f"export-{f}", "export", "{disk}/run", "--format", f, "--frames", "3") for f in
-      ("ply", "points", "usd", "usd-points", "track", "html", "4dgs")),
+      ("ply", "glb", "spz", "sog", "points", "usd", "usd-points", "track", "html", "4dgs")),
     Command("compare", ("compare", "{inputs}/capture", "--out", "{disk}/out", "--methods", "adaanchor4d",
                         "--iterations", "4", "4", "--seeds", "1")),
     Command("ablate", ("ablate", "motion", "{inputs}/capture", "--out", "{disk}/out", "--seeds", "1", *ONE_PROCESS)),

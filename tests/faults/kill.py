@@ -36,6 +36,7 @@ class Bench:
     folder: Path
     result: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
+    same: int = 0  # moments after which the result was that of the undisturbed command
 
     @property
     def log(self) -> Path:
@@ -75,6 +76,8 @@ class Bench:
             found.append(f"heals to something else: {', '.join(different[:5])}")
         elif left := [name for name in unfinished(self.folder) if not name.startswith("tmp/")]:
             found.append(f"leaves {', '.join(left[:5])}")
+        else:
+            self.same += 1
         return ended.code == -signal.SIGKILL, found
 
     def _orphans(self, leader: int) -> list[str]:
@@ -121,7 +124,9 @@ def try_command(bench: Bench, rng: random.Random, moments: int) -> dict[str, Any
         for what in found:
             print(f"    {bench.command.name}, killed after {moment:.2f} of {bench.seconds:.2f} s: {what}", flush=True)
     print(
-        f"{bench.command.name:18} killed {still_ran} times ({moments - still_ran} too late), {count} wrong", flush=True
+        f"{bench.command.name:18} killed {still_ran} times ({moments - still_ran} too late), {count} wrong, "
+        f"{bench.same} times the same {len(bench.result)} files",
+        flush=True,
     )
     return {"command": bench.command.name, "killed": still_ran, "wrong": count}
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import random
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.faults.commands import ROOT
+from tests.faults.commands import ROOT, Command
+from tests.faults.kill import Bench, try_command
 from tests.faults.tree import contents, differences, unfinished
 from tests.faults.watch import kind_of
 
@@ -76,6 +79,31 @@ def test_a_program_that_takes_a_failed_write_for_done_is_found(tmp_path: Path) -
     ]
 
 
+FORGETFUL = """
+import json, pathlib, sys, time
+mark = pathlib.Path(sys.argv[1], "begun.json")
+value = [2 if mark.exists() else 1]
+mark.write_text("[]")
+time.sleep(0.5)
+pathlib.Path(sys.argv[1], "result.json").write_text(json.dumps(value))
+"""
+
+
+def test_a_program_that_comes_to_something_else_after_kill_9_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = Command("forgetful", ("-c", FORGETFUL, "{disk}"), program=(sys.executable,))
+    bench = Bench(command, tmp_path, tmp_path / "work")
+    row = try_command(bench, random.Random(2), 3)
+    killed = row["killed"]
+    assert row["command"] == "forgetful"
+    assert killed >= 1
+    assert 1 <= row["wrong"] <= 3
+    said = capsys.readouterr().out
+    assert f"{3 - row['wrong']} times the same 2 files" in said
+    assert said.count("heals to something else: result.json") == row["wrong"]
+
+
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
@@ -102,7 +130,8 @@ def test_a_command_on_full_disks_and_in_folders_that_it_may_not_write(name: str,
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["synth", "capture", "train", "compare", "extension-bake", "export-track"])
 def test_a_killed_command_comes_to_the_same_when_run_again(name: str, tmp_path: Path) -> None:
-    program("kill", name, "--moments", "2", "--inputs", str(tmp_path))
+    said = program("kill", name, "--moments", "2", "--inputs", str(tmp_path))
+    assert re.search(r"killed [012] times \([012] too late\), 0 wrong, 2 times the same [1-9]\d* files", said), said
 
 
 def test_what_counts_as_half_written(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from plyfile import PlyData
 from safetensors.numpy import load_file
 
 DAMAGED = "damaged"
+NEVER_EMPTY = (".png", ".json", ".ply", ".mp4", ".glb", ".spz", ".usdc", ".npz")
 # Of files that say how long something took or when it was made.
 TIMES = re.compile(
     r"(setup|load|picture|truth|clip)_s$|seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes|^frames/s$"
@@ -48,7 +49,7 @@ def is_whole(path: Path) -> bool:
         content(path)
     except Exception:
         return False
-    return path.name.startswith(".") or path.stat().st_size > 0 or path.suffix not in (".png", ".json", ".ply", ".mp4")
+    return path.name.startswith(".") or path.stat().st_size > 0 or path.suffix not in NEVER_EMPTY
 
 
 def contents(root: Path) -> dict[str, Any]:
@@ -87,7 +88,7 @@ def content(path: Path) -> Any:
             return tensors, {key: _without_times(_parsed(text)) for key, text in texts.items()}
         case ".ply":
             return [element.data.tobytes() for element in PlyData.read(io.BytesIO(data)).elements]
-        case ".zip":
+        case ".zip" | ".sog":
             with zipfile.ZipFile(io.BytesIO(data)) as file:
                 return {entry.filename: entry.CRC for entry in file.infolist()}
         case _:

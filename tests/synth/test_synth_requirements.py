@@ -18,10 +18,12 @@ class Settings:
 
     def __init__(self, **choices: tuple[str, ...]) -> None:
         object.__setattr__(self, "choices", choices)
+        object.__setattr__(self, "taken", {})
 
     def __setattr__(self, name: str, value: str) -> None:
         if value not in self.choices[name]:
             raise TypeError(f"bpy_struct: item.attr = val: enum {value!r} not found in {self.choices[name]}")
+        self.taken[name] = value
 
 
 def build(engine: str = "CYCLES", denoiser: str = "OPENIMAGEDENOISE", picture: str = "OPEN_EXR_MULTILAYER",
@@ -50,8 +52,16 @@ def refuse(plan: Plan, bpy: Any) -> None:
     refuse_what_is_missing(plan, bpy)
 
 
+def asked_for(bpy: Any) -> dict[str, str]:
+    scene = bpy.context.scene
+    return {**scene.render.taken, **scene.cycles.taken, **scene.render.image_settings.taken}
+
+
 def test_a_whole_build_is_taken(plan: Plan) -> None:
-    refuse(plan, build())
+    bpy = build()
+    refuse(plan, bpy)
+    needed = {"engine": "CYCLES", "denoiser": "OPENIMAGEDENOISE", "file_format": "OPEN_EXR_MULTILAYER"}
+    assert asked_for(bpy) == needed
 
 
 def test_each_missing_part_is_one_sentence(plan: Plan) -> None:
@@ -69,13 +79,19 @@ def test_each_missing_part_is_one_sentence(plan: Plan) -> None:
 
 def test_what_the_scene_does_not_use_may_be_missing(plan: Plan) -> None:
     plain = replace(plan, scene=replace(plan.scene, render=replace(plan.scene.render, denoise=False)), effects=())
-    refuse(plain, build(denoiser="", ffmpeg=False, importers=()))
+    bpy = build(denoiser="", ffmpeg=False, importers=())
+    refuse(plain, bpy)
+    assert asked_for(bpy) == {"engine": "CYCLES", "file_format": "OPEN_EXR_MULTILAYER"}
+    with pytest.raises(InputError, match="OpenImageDenoise"):
+        refuse(plan, bpy)
 
 
 @pytest.mark.parametrize(("suffix", "importer"), [(".glb", "gltf"), (".fbx", "fbx"), (".obj", "obj_import")])
 def test_importers_are_asked_for(plan: Plan, suffix: str, importer: str) -> None:
     model = Model("bus", Path("bus" + suffix), 0.0, "")
-    refuse(replace(plan, models=(model,)), build())
+    alone = build(importers=(importer,))
+    refuse(replace(plan, models=(model,)), alone)
+    assert asked_for(alone)["engine"] == "CYCLES"
     others = tuple({"gltf", "fbx", "obj_import"} - {importer})
     with pytest.raises(InputError, match=f"bus{suffix}: this Blender has no importer"):
         refuse(replace(plan, models=(model,)), build(importers=others))
