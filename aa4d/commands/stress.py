@@ -6,7 +6,7 @@ import importlib
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
@@ -14,7 +14,9 @@ from aa4d.console import console, step_progress
 from aa4d.errors import InputError
 from aa4d.files import write_text
 from aa4d.settings.checking import one_of
-from aa4d.stress.cases import Search
+
+if TYPE_CHECKING:
+    from aa4d.stress.cases import Search
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -46,7 +48,8 @@ def stress(
     names = list(all_parts) if part is None else [part]
     searches = searches_of(names) if budget > 0 else []
     passes = run(names, all_parts, write)
-    if not (search(searches, seed, budget) and passes):
+    finds_nothing = not searches or search(searches, seed, budget)
+    if not (passes and finds_nothing):
         sys.exit(1)
 
 
