@@ -109,10 +109,11 @@ def test_stress_runs_a_part_and_writes_its_table(tmp_path: Path) -> None:
 
 
 def test_a_name_that_the_terminal_cannot_show_is_shown_by_its_codes(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").touch()
-    (tmp_path / "e.toml").write_text('title = "T"\nscenes = ["scene.toml"]\n[variants."grün"]\n', encoding="utf-8")
+    scene = Path(__file__).parents[1] / "scenes" / "tiny.toml"
+    text = f'title = "T"\nscenes = ["{scene.as_posix()}"]\n[variants."grün"]\n'
+    (tmp_path / "e.toml").write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "aa4d.cli", "experiment", "e.toml", "--out", "out", "--plan"]
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
     assert result.returncode == 0, result.stderr
-    assert r"train scene, gr\xfcn, seed 0: to do" in result.stdout
+    assert r"train tiny, gr\xfcn, seed 0: to do" in result.stdout
