@@ -247,6 +247,7 @@ def test_an_instant_is_one_view(loaded: LoadedModel) -> None:
     path, name = instant_path(loaded, "held-out", None, None, None, 0.5)
     assert (name, [view.t for view in path.views]) == ("t0.5", [0.5])
     assert instant_path(loaded, "all", None, 3, None, None)[1] == "all-3"
-    for count, option in (((3, None), "--frames"), ((None, 3.0), "--fps")):
-        with pytest.raises(InputError, match=f"--time writes one instant, and {option} resamples many"):
-            instant_path(loaded, "all", None, *count, 0.5)
+    with pytest.raises(InputError, match="--time writes one instant, and --frames resamples many"):
+        instant_path(loaded, "all", None, 3, None, 0.5)
+    with pytest.raises(InputError, match="--time writes one instant, and --fps resamples many"):
+        instant_path(loaded, "all", None, None, 3.0, 0.5)
