@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -95,6 +96,8 @@ def checked(arguments: list[str]) -> list[str]:
 
 def main() -> None:
     end_quietly_while_importing()  # commands import what they need
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a file's name may hold what the terminal's encoding has not
+        sys.stdout.reconfigure(errors="backslashreplace")
     if sys.argv[1:] == ["--version"]:
         print(f"aa4d {__version__}")
         return

@@ -48,6 +48,8 @@ def index_in(out: Path, index_name: str, wanted: dict[str, Any], what: str) -> d
         if any(found.get(key) != wanted[key] for key in keys):
             raise InputError(f"{out}: holds {what} with other settings; choose another --out, or delete that folder")
         return found
+    if out.is_file():
+        raise InputError(f"{out}: is a file; choose a new folder with --out")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: not empty and not {what}; choose a new folder with --out")
     return None

@@ -138,7 +138,9 @@ class _Checker:
 
 def describe(value: Any) -> str:
     """What a value of the file is, in words."""
-    names = {bool: "the boolean", str: "the text", int: "the number", float: "the number"}
+    if isinstance(value, bool):
+        return "true" if value else "false"  # as the file has it
+    names = {str: "the text", int: "the number", float: "the number"}
     return f"{names[type(value)]} {value!r}" if type(value) in names else f"a {type(value).__name__}"
 
 

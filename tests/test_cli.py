@@ -1,5 +1,6 @@
 """The command line as a user meets it: help, exit codes, one sentence for bad input."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -86,6 +87,10 @@ def test_brackets_in_a_path_are_printed_as_they_are(toy_run: Path, tmp_path: Pat
         (("--part", "rastre"), "--part rastre: must be one of traffic, "),
         (("--budget", "-1"), "--budget -1.0: must be from 0"),
         (("--write", "absent/table.md"), "--write absent/table.md: there is no folder absent"),
+        (("--write", "."), "--write .: is a folder; name a file, for instance hard-cases.md"),
+        (("--part", "dlgd", "--write", __file__), "is there, and would hold dlgd alone; name a new file"),
+        (("--write", __file__), "is there and no page of hard cases"),
+        (("--part", "dlgd", "--budget", "1"), "--budget: dlgd has no search; leave it out, or name one of raster, "),
     ],
 )
 def test_stress_refuses_what_it_does_not_know(arguments: tuple[str, ...], says: str) -> None:
@@ -101,3 +106,14 @@ def test_stress_runs_a_part_and_writes_its_table(tmp_path: Path) -> None:
     assert "cases, 0 failed" in result.stdout
     rows = [line for line in (tmp_path / "table.md").read_text().splitlines() if line.startswith("| ")]
     assert len(rows) == 1 + result.stdout.count("densification: ")
+
+
+def test_a_name_that_the_terminal_cannot_show_is_shown_by_its_codes(tmp_path: Path) -> None:
+    scene = Path(__file__).parents[1] / "scenes" / "tiny.toml"
+    text = f'title = "T"\nscenes = ["{scene.as_posix()}"]\n[variants."grün"]\n'
+    (tmp_path / "e.toml").write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "aa4d.cli", "experiment", "e.toml", "--out", "out", "--plan"]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stderr
+    assert r"train tiny, gr\xfcn, seed 0: to do" in result.stdout

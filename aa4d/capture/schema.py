@@ -196,7 +196,7 @@ def number_of(document: dict[str, Any], key: str, index: Path, label: str = "") 
     value = document.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         where = f" of {label}" if label else ""
-        raise InputError(f'{index}: key "{key}"{where} must be a finite number, found {str(value)[:40]}')
+        raise InputError(f'{index}: key "{key}"{where} must be a finite number, found {value!r:.40}')
     return float(value)
 
 

@@ -58,13 +58,11 @@ def export(
     from aa4d.export import EXPORTERS
     from aa4d.export import export as run_export
     from aa4d.export.clip import Clip, mean_eye
-    from aa4d.filming.camera_path import named_path, only_time, path_of_frames, view_of_frame
+    from aa4d.filming.camera_path import instant_path, path_of_frames, view_of_frame
     from aa4d.methods.model_file import load_model
 
     loaded = load_model(run / "model.safetensors")
-    flown, name = named_path(loaded, views, path, frames, fps, None, None)
-    if time is not None:
-        flown, name = only_time(flown, time), f"t{time:g}"
+    flown, name = instant_path(loaded, views, path, frames, fps, time)
     if seen_from == "frame":
         eye = None
     elif seen_from == "mean":

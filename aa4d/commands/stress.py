@@ -6,7 +6,7 @@ import importlib
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
@@ -14,6 +14,9 @@ from aa4d.console import console, step_progress
 from aa4d.errors import InputError
 from aa4d.files import write_text
 from aa4d.settings.checking import one_of
+
+if TYPE_CHECKING:
+    from aa4d.stress.cases import Search
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -34,8 +37,8 @@ def stress(
         raise InputError(f"--budget {budget}: must be from 0 to 999999 seconds")
     if seed < 0:
         raise InputError(f"--seed {seed}: must be at least 0")
-    if write is not None and not write.parent.is_dir():
-        raise InputError(f"--write {write}: there is no folder {write.parent}")
+    if write is not None:
+        check_page(write, part)
     if not (ROOT / "tests" / "hard_cases").is_dir():
         raise InputError("the hard cases are in the repository: run `aa4d stress` from a checkout (pip install -e .)")
     sys.path.insert(0, str(ROOT))
@@ -43,8 +46,35 @@ def stress(
     if part is not None and part not in all_parts:
         raise InputError(f"--part {part}: must be {one_of(all_parts, part)}")
     names = list(all_parts) if part is None else [part]
-    if not run(names, all_parts, write) or (budget > 0 and not search(names, seed, budget)):
+    searches = searches_of(names) if budget > 0 else []
+    passes = run(names, all_parts, write)
+    finds_nothing = not searches or search(searches, seed, budget)
+    if not (passes and finds_nothing):
         sys.exit(1)
+
+
+def check_page(path: Path, part: str | None) -> None:
+    """Raises InputError where a table cannot be written, or would take the place of something else."""
+    if not path.parent.is_dir():
+        raise InputError(f"--write {path}: there is no folder {path.parent}")
+    if path.is_dir():
+        raise InputError(f"--write {path}: is a folder; name a file, for instance {path / 'hard-cases.md'}")
+    if path.exists() and part is not None:
+        raise InputError(f"--write {path}: is there, and would hold {part} alone; name a new file, or leave out --part")
+    if path.exists() and not path.read_bytes().startswith(b"# Hard cases"):
+        raise InputError(f"--write {path}: is there and no page of hard cases; name another file")
+
+
+def searches_of(names: list[str]) -> list[Search]:
+    """Raises InputError where what the search needs is not installed, or these parts have none."""
+    try:
+        every: tuple[Search, ...] = importlib.import_module("tests.hard_cases.searches").SEARCHES
+    except ModuleNotFoundError as error:
+        raise InputError(f'--budget: the search needs {error.name}; pip install -e ".[dev]" brings it') from None
+    if chosen := [search for name in names for search in every if search.part == name]:
+        return chosen
+    able = ", ".join(dict.fromkeys(search.part for search in every))
+    raise InputError(f"--budget: {names[0]} has no search; leave it out, or name one of {able} by --part")
 
 
 def run(names: list[str], titles: Mapping[str, str], write: Path | None) -> bool:
@@ -70,17 +100,12 @@ def run(names: list[str], titles: Mapping[str, str], write: Path | None) -> bool
     return all(outcome.passes for outcome in outcomes)
 
 
-def search(names: list[str], seed: int, seconds: float) -> bool:
-    """Look for trouble in some parts, and print what is found; True where nothing is."""
+def search(searches: list[Search], seed: int, seconds: float) -> bool:
+    """Look for trouble, and print what is found; True where nothing is."""
     from aa4d.stress.search import search_for
 
-    try:
-        searches = importlib.import_module("tests.hard_cases.searches").SEARCHES
-    except ModuleNotFoundError as error:
-        raise InputError(f'--budget: the search needs {error.name}; pip install -e ".[dev]" brings it') from None
-    chosen = [search for name in names for search in searches if search.part == name]
     nothing = True
-    for finding in search_for(chosen, seed, seconds, lambda line: console.print(line, highlight=False)):
+    for finding in search_for(searches, seed, seconds, lambda line: console.print(line, highlight=False)):
         its = finding.search
         console.print(f"  {finding.tried} inputs, worst error {finding.worst:.1e} of {its.bound:.0e}", highlight=False)
         if finding.example is not None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from aa4d.experiments.axis import Knob
 from aa4d.experiments.kinds.evaluate import Row
 from aa4d.files import whole_file
+from aa4d.words import in_figure
 
 SCORES = {"psnr": "PSNR, dB", "psnr_dynamic": "PSNR of moving pixels, dB", "ssim": "SSIM"}
 
@@ -43,13 +44,14 @@ def plot_against(knob: Knob, title: str, rows: Sequence[Row], path: Path) -> Non
             here = [row for row in rows if (_base(row), str(row["variant"])) == (base, variant)]
             name = variant if len(bases) == 1 else f"{base}, {variant}"
             at, means, deviations = curve(here, key)
-            panel.errorbar(at, means, yerr=deviations if any(deviations) else None, fmt="o-", markersize=4, label=name)
-        panel.set_xlabel(knob.label)
+            panel.errorbar(at, means, yerr=deviations if any(deviations) else None, fmt="o-", markersize=4,
+                           label=in_figure(name))  # fmt: skip
+        panel.set_xlabel(in_figure(knob.label))
         panel.set_ylabel(label)
         panel.grid(alpha=0.3)
         if knob.log:
             panel.set_xscale("log")
-    figure.suptitle(title, fontsize=10)
+    figure.suptitle(in_figure(title), fontsize=10)
     if len(lines) > 1:
         panels[0].legend(fontsize=8)
     with whole_file(path) as temporary:

@@ -60,6 +60,8 @@ def axis_of(table: Any, place: Place) -> Axis:
         )
     if len(set(values)) < len(values):
         raise InputError(f"{place('values')}: one of them stands there twice")
+    if len({f"{value:g}" for value in values}) < len(values):  # as captures, rows and figures name them
+        raise InputError(f"{place('values')}: two of them are alike to six digits; leave one out, or take another unit")
     if keys.log and min(values) <= 0:
         raise InputError(f"{place('log')}: {min(values):g} has no logarithm; leave it out, or the value")
     if not scene and not keys.keep_every:

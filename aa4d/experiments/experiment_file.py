@@ -104,6 +104,9 @@ def read_experiment(path: Path) -> ExperimentFile:
             raise InputError(f"{path}: {name}: is a section; it cannot be {describe(section)}")
     if not variants:
         raise InputError(f"{path}: has no variant; add a section [variants.NAME], empty for the preset as it is")
+    for name in variants:
+        if not name.strip() or not name.isprintable():
+            raise InputError(f"{path}: variants: {name!r} is no name for tables and figures; write words on one line")
     head = changed(Head(), table, place)
     if not head.title or not head.scenes:
         raise InputError(f"{path}: {SCENES if head.title else 'title: missing; say what is compared'}")

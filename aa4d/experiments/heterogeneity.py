@@ -23,7 +23,7 @@ from aa4d.experiments.outputs import rows_of
 from aa4d.experiments.program import run_as_program
 from aa4d.experiments.tables import as_csv, as_markdown
 from aa4d.files import make_folder, whole_file, write_json, write_text
-from aa4d.words import counted
+from aa4d.words import counted, in_figure
 
 Array = NDArray[np.float64]
 PREFIX = "heterogeneity."
@@ -174,8 +174,8 @@ def report(
     out: Annotated[Path, arg(help="Folder for the tables and the figures.")],
     against: Annotated[str | None, arg(help="Variant that the others are compared with; by default the first.")] = None,
 ) -> None:
-    """Write heterogeneity.md and .json, a figure for each score, scenes.csv with their indices, and means.csv, gains.csv
-    and slopes-*.csv with a row for each variant."""
+    """Write heterogeneity.md, heterogeneity.json, a figure for each score, scenes.csv with their indices, and
+    means.csv, gains.csv and slopes-*.csv with a row for each variant."""
     table = rows_of(rows)
     found = findings(table, against)
     if not found:
@@ -257,7 +257,7 @@ def plot(rows: list[dict[str, Any]], key: str, path: Path) -> None:
             x = scores.indices[name]
             shift = (number - len(variants) / 2) * 0.008 * float(np.ptp(x))  # so that bars do not hide one another
             panel.errorbar(x + shift, means, yerr=spread, fmt="o", markersize=4, elinewidth=1, color=f"C{number}",
-                           label=variant)  # fmt: skip
+                           label=in_figure(variant))  # fmt: skip
             panel.set_xlabel(title)
             panel.grid(alpha=0.25)
     panels[0].set_ylabel(SCORES[key])

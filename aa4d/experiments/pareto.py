@@ -7,6 +7,7 @@ from pathlib import Path
 from aa4d.experiments.comparison import TRACKED
 from aa4d.experiments.comparison_tables import COST, QUALITY, Comparison, Mean, Score
 from aa4d.files import whole_file
+from aa4d.words import in_figure
 
 UP = tuple(score for score in QUALITY if score.key in ("psnr", "psnr_dynamic"))
 ACROSS = tuple(score for key in ("processor_minutes", "fps", "total_mib") for score in COST if score.key == key)
@@ -60,7 +61,7 @@ def plot_pareto(comparison: Comparison, path: Path) -> None:
         axes[row, 0].set_ylabel(f"{quality.title}, dB")
         _keep_apart(axes[row, 0])
     where = captures[0] if len(captures) == 1 else f"mean over {', '.join(captures)}"
-    figure.suptitle(f"Quality against cost: {where}", fontsize=11, x=0.01, ha="left")
+    figure.suptitle(f"Quality against cost: {in_figure(where)}", fontsize=11, x=0.01, ha="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), fontsize=9, frameon=False)
     with whole_file(path) as temporary:

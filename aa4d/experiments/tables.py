@@ -16,6 +16,7 @@ from aa4d.experiments.axis import Knob
 from aa4d.experiments.kinds.evaluate import Row
 from aa4d.experiments.variants import Experiment
 from aa4d.files import whole_file, write_text
+from aa4d.words import in_figure
 
 ACTIVITY = "psnr_activity."
 POOLED = "differences over all pairs of capture and seed, mean ± standard error"
@@ -200,7 +201,8 @@ def _pooled_table(differences: list[Difference], columns: list[Column]) -> list[
 
 
 def as_markdown(table: list[list[str]]) -> str:
-    return "".join(f"| {' | '.join(line)} |\n" for line in [table[0], ["---"] * len(table[0]), *table[1:]])
+    lines = [table[0], ["---"] * len(table[0]), *table[1:]]
+    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
 
 
 def as_csv(rows: list[list[str]]) -> str:
@@ -226,16 +228,18 @@ def _plot(experiment: Experiment, rows: list[Row], path: Path) -> None:
             here = [row for row in rows if row["capture"] == capture and column.key in row]
             color, shift = f"C{index}", 0.15 * (index - (len(captures) - 1) / 2)
             x = [place(str(row["variant"])) + shift for row in here]
-            axes.scatter(x, [float(row[column.key]) for row in here], color=color, s=18, alpha=0.7, label=capture)
+            axes.scatter(
+                x, [float(row[column.key]) for row in here], color=color, s=18, alpha=0.7, label=in_figure(capture)
+            )
             for line in lines_of(experiment, here):
                 at = place(line.variant) + shift
                 axes.hlines(line.spreads[column.key].mean, at - 0.12, at + 0.12, color=color)
-        axes.set_xticks(range(len(labels)), labels)
+        axes.set_xticks(range(len(labels)), list(map(in_figure, labels)))
         axes.set_xlim(-0.5, len(labels) - 0.5)
         axes.set_ylabel(f"{column.title}, dB")
         axes.grid(axis="y", alpha=0.3)
         if number == 0:
-            axes.set_title(experiment.title, fontsize=10)
+            axes.set_title(in_figure(experiment.title), fontsize=10)
             axes.legend(fontsize=8)
     with whole_file(path) as temporary:
         figure.savefig(temporary, format="png", dpi=110)

@@ -65,7 +65,7 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> str | None:
     """
     exporter = EXPORTERS[name]
     if exporter.states_axes and clip.axes != "world":
-        raise InputError(f"--axes {clip.axes}: a {name} file states its axes, which are the world's; leave it out")
+        raise InputError(f"--axes {clip.axes}: {name} states its axes, which are the world's; leave it out")
     if not 0 <= clip.degree <= LARGEST_DEGREE:
         raise InputError(f"--harmonics {clip.degree}: must be a degree from 0 to {LARGEST_DEGREE}")
     if clip.degree and not exporter.harmonics:

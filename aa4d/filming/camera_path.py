@@ -19,6 +19,8 @@ from aa4d.methods.model_file import LoadedModel
 
 PATH_VERSION = 1
 UNEVEN = 0.01  # share of a step
+PATH_KEYS = frozenset({"format", "version", "fps", "camera", "views"})
+VIEW_KEYS = frozenset({"name", "t", "viewmat", "position_m", "look_at_m"})
 MOST_VIEWS = 100_000  # a slip of the keyboard should not fill the memory
 
 
@@ -84,6 +86,7 @@ def read_camera_path(file: Path, loaded: LoadedModel) -> CameraPath:
         raise InputError(f'{file}: key "format" is {document.get("format")!r}, expected "aa4d-camera-path"')
     if document.get("version") != PATH_VERSION:
         raise InputError(f"{file}: version {document.get('version')!r} is not known here, expected {PATH_VERSION}")
+    _check_keys(document, PATH_KEYS, "the path", file)
     fps = number_of(document, "fps", file)
     if not 0 < fps <= 1000:
         raise InputError(f'{file}: key "fps" must be positive and at most 1000, found {fps:g}')
@@ -103,15 +106,13 @@ def _view(value: Any, number: int, file: Path) -> View:
     name = str(value.get("name", f"{number:06}"))
     label = f"view {name!r}"
     check_name(name, label, file)
-    known = {"name", "t", "viewmat", "position_m", "look_at_m"}
-    if unknown := sorted(value.keys() - known):
-        raise InputError(f"{file}: {label} has an unknown key {unknown[0]!r}; known are {', '.join(sorted(known))}")
-    if ("viewmat" in value) == ("position_m" in value):
+    _check_keys(value, VIEW_KEYS, label, file)
+    if ("viewmat" in value) == ("position_m" in value or "look_at_m" in value):
         raise InputError(f"{file}: {label} needs either viewmat, or position_m and look_at_m")
     if "viewmat" in value:
         viewmat = pose_of(value["viewmat"], label, file)
     else:
-        eye = matrix_of(value["position_m"], (3,), f"position_m of {label}", file)
+        eye = matrix_of(value.get("position_m"), (3,), f"position_m of {label}", file)
         target = matrix_of(value.get("look_at_m"), (3,), f"look_at_m of {label}", file)
         if not np.linalg.norm(target - eye) > 1e-6:
             raise InputError(f"{file}: {label} looks at where it stands; position_m and look_at_m must differ")
@@ -119,6 +120,11 @@ def _view(value: Any, number: int, file: Path) -> View:
     t = number_of(value, "t", file, label)
     check_time(t, f"{file}: t of {label}")
     return View(name, t, viewmat)
+
+
+def _check_keys(value: dict[str, Any], known: frozenset[str], label: str, file: Path) -> None:
+    if unknown := sorted(value.keys() - known):
+        raise InputError(f"{file}: {label} has an unknown key {unknown[0]!r}; known are {', '.join(sorted(known))}")
 
 
 def check_time(t: float, what: str) -> None:
@@ -186,6 +192,23 @@ def only_time(path: CameraPath, t: float) -> CameraPath:
     return replace(path, views=(view,), at=path.at[:1])
 
 
+def instant_path(
+    loaded: LoadedModel, views: str, file: Path | None, frames: int | None, fps: float | None, time: float | None
+) -> tuple[CameraPath, str]:
+    """`named_path` for `aa4d export`, whose --time is the instant that is written, alone.
+
+    Raises:
+        InputError: see `named_path`; or a number of views is given for that one.
+    """
+    if time is None:
+        return named_path(loaded, views, file, frames, fps, None, None)
+    if frames is not None or fps is not None:
+        option = "--frames" if fps is None else "--fps"
+        raise InputError(f"--time writes one instant, and {option} resamples many; give one of them")
+    path, _ = named_path(loaded, views, file, None, None, None, None)
+    return only_time(path, time), f"t{time:g}"
+
+
 def view_of_frame(loaded: LoadedModel, name: str) -> View:
     """The pose and time of the capture's frame of that name."""
     for frame in loaded.frames:
@@ -211,6 +234,10 @@ def named_path(
     """
     if frames is not None and fps is not None:
         raise InputError("--frames and --fps both say how many views there are; give one of them")
+    if file is not None and views != "all":
+        raise InputError(
+            f"--views {views}: chooses frames of the capture, and --path flies past them; give one of them"
+        )
     path = path_of_frames(loaded, views) if file is None else read_camera_path(file, loaded)
     name = [views if file is None else file.stem]
     if frames is not None:
@@ -225,4 +252,6 @@ def named_path(
     if camera is not None:
         path = with_camera(path, view_of_frame(loaded, camera).viewmat)
         name.append(f"from-{camera}")
+    if time is not None and camera is not None and frames is None and fps is None:  # all views would be alike
+        path = replace(path, views=path.views[:1], at=path.at[:1])
     return path, "-".join(name)

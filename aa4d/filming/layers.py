@@ -127,11 +127,13 @@ def _depth(loaded: LoadedModel, rendering: Rendering) -> Tensor:
 LAYERS: dict[str, Layer] = {
     "depth": Layer("distance along the camera's axis", "m", "turbo_r", _depth),
     "alpha": Layer("how opaque", "", "gray", lambda _, r: r.alpha, bounds=(0.0, 1.0)),
-    "activity": Layer("weight on spatio-temporal planes", "share", "viridis", _painted, spatiotemporal_share),
+    "activity": Layer("share of the weight on planes with time", "", "viridis", _painted, spatiotemporal_share),
     "motion": Layer("distance from the canonical place", "m", "inferno", _painted, displacement_m, from_zero=True),
-    "speed": Layer("speed", "m/s", "inferno", _painted, speed_mps, from_zero=True),
+    "speed": Layer("how fast anchors move", "m/s", "inferno", _painted, speed_mps, from_zero=True),
     **{
-        f"weight-{name}": Layer(f"weight of the plane {name}", "share", "viridis", _painted, partial(_weights_on, [p]))
+        f"weight-{name}": Layer(
+            f"share of the weight on the plane {name}", "", "viridis", _painted, partial(_weights_on, [p])
+        )
         for p, name in enumerate(PLANES)
     },
 }

@@ -19,6 +19,7 @@ from aa4d.reports.run_report import run_page
 from aa4d.reports.scored import METRICS, Captures
 
 NAME = "report.html"
+PAGES = (".html", ".htm")  # endings of files that may be replaced
 MEGABYTES = 10.0
 HEAD_BYTES = 4096  # in which a page says what it was made from
 
@@ -47,8 +48,8 @@ def write_report(
         keep: leave a page as it is that was made from the same.
 
     Raises:
-        InputError: the folder is none of these or has nothing to show yet, a file in it is damaged, or the page cannot
-            be that small.
+        InputError: the folder is none of these or has nothing to show yet, a file in it is damaged, the page cannot be
+            that small, or `out` is a file of another kind.
     """
     if not 0 < megabytes < float("inf"):
         raise InputError(f"--megabytes {megabytes:g}: must be a positive number")
@@ -56,6 +57,10 @@ def write_report(
         if not (capture / "capture.json").is_file():
             raise InputError(f"--captures {capture}: no such capture folder; name one that holds a capture.json")
     path = out or folder / NAME
+    if path.is_file() and path.suffix.lower() not in PAGES:
+        raise InputError(
+            f"--out {path}: is there and no page; name another file, for instance {path.with_suffix('.html')}"
+        )
     found = Captures(captures)
     page = page_of(folder, found)
     identity = Identity("report", digest_of({"version": __version__, "megabytes": megabytes}), page.made_from)

@@ -168,6 +168,12 @@ def test_what_is_refused(toy_capture: Path, change: tuple[str, str], says: str) 
     assert str(refused.value).startswith(f"{path}: ")
 
 
+@pytest.mark.parametrize("name", ["", " ", r"a\nb", r"a\u0007"])
+def test_a_variant_has_a_name_that_can_be_read(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="is no name for tables and figures; write words on one line"):
+        read_experiment(write(tmp_path, f'title = "A"\nscenes = ["s.toml"]\n[variants."{name}"]\n'))
+
+
 def test_a_file_without_variants_or_that_is_no_table_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no variant; add a section"):
         read_experiment(write(tmp_path, 'title = "A"\nscenes = ["s.toml"]\n'))

@@ -156,6 +156,7 @@ def test_parts_that_are_run_one_by_one_are_one_experiment(
         (("--engine", "inlin"), "--engine inlin: must be one of inline, processes, ray; did you mean inline?"),
         (("--engine", "ray"), "--engine ray: say which cluster with --address HOST:PORT"),
         (("--engine", "inline", "--jobs", "2"), "--jobs 2: the engine inline does one task at a time"),
+        (("--engine", "inline", "--jobs", "2", "--plan"), "--jobs 2: the engine inline does one task at a time"),
         (
             ("--address", "auto"),
             "--address auto: is of a Ray cluster, and the engine processes uses none; add --engine",

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from aa4d.experiments.axis import Knob
 from aa4d.experiments.kinds.evaluate import Row, numbers
 from aa4d.experiments.tables import Spread, columns_of, differences_of, lines_of, write_tables
 from aa4d.experiments.variants import Experiment, Variant
@@ -108,3 +109,14 @@ def test_what_is_rounded_to_zero_has_no_sign_of_its_own() -> None:
     assert Spread(-0.004, 0.002, 2).text(2) == "0.00 ±0.00"
     assert Spread(-0.004, None, 1).text(2, signed=True) == "+0.00"
     assert Spread(-0.006, None, 1).text(2, signed=True) == "-0.01"
+
+
+def test_names_may_hold_what_means_something_to_markdown_and_to_figures(tmp_path: Path) -> None:
+    names = ("a|b", r"$\frac$")  # mathematics that cannot be read
+    rows = [row("on $5_and_$", name, 0, 20.0) | {"at": 1.0} for name in names]
+    experiment = Experiment("e", "what $x^^y$ costs", tuple(map(Variant, names)))
+    for knob in (None, Knob("in $_$")):
+        write_tables(experiment, rows, tmp_path, knob)
+        assert (tmp_path / "plot.png").exists()
+        (tmp_path / "plot.png").unlink()
+    assert r"| on $5_and_$ | a\|b | 1 |" in (tmp_path / "table.md").read_text()

@@ -14,6 +14,7 @@ from aa4d.filming.camera_path import (
     CameraPath,
     View,
     at_rate,
+    instant_path,
     looking_at,
     named_path,
     only_time,
@@ -193,6 +194,9 @@ VIEW = {"t": 0.0, "viewmat": np.eye(4).tolist()}
         ({"views": [VIEW | {"viewmat": (2 * np.eye(4)).tolist()}]}, "not a rotation and a translation"),
         ({"views": [VIEW | {"viewmat": [[1, 2], [3, 4]]}]}, "has shape"),
         ({"views": [VIEW | {"fov": 60}]}, "unknown key 'fov'"),
+        ({"loop": True}, "the path has an unknown key 'loop'; known are camera, format, fps"),
+        ({"views": [VIEW | {"look_at_m": [0, 0, 0]}]}, "needs either viewmat, or position_m"),
+        ({"views": [{"t": 0.0, "look_at_m": [0, 0, 0]}]}, "position_m of view"),
         ({"views": [VIEW | {"name": "../../x"}]}, "no plain file name"),
         ({"views": [VIEW | {"name": "a"}, VIEW | {"name": "a"}]}, "same name"),
         ({"views": [{"t": 0.0}]}, "needs either viewmat, or position_m"),
@@ -226,3 +230,24 @@ def test_bad_paths_are_refused(loaded: LoadedModel, tmp_path: Path, changes: dic
 def test_bad_options_are_refused(loaded: LoadedModel, options: tuple[Any, ...], says: str) -> None:
     with pytest.raises(InputError, match=says):
         named_path(loaded, "all", *options)
+
+
+def test_frames_of_the_capture_cannot_be_chosen_of_a_path(loaded: LoadedModel, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--views held-out: chooses frames of the capture, and --path flies past them"):
+        named_path(loaded, "held-out", write(tmp_path / "path.json"), None, None, None, None)
+
+
+def test_frozen_time_seen_from_a_frozen_camera_is_one_picture(loaded: LoadedModel) -> None:
+    path, name = named_path(loaded, "all", None, None, None, 0.5, "000003")
+    assert (name, len(path.views), path.views[0].t) == ("all-t0.5-from-000003", 1, 0.5)
+    assert np.array_equal(path.views[0].viewmat, loaded.frames[3].viewmat)
+
+
+def test_an_instant_is_one_view(loaded: LoadedModel) -> None:
+    path, name = instant_path(loaded, "held-out", None, None, None, 0.5)
+    assert (name, [view.t for view in path.views]) == ("t0.5", [0.5])
+    assert instant_path(loaded, "all", None, 3, None, None)[1] == "all-3"
+    with pytest.raises(InputError, match="--time writes one instant, and --frames resamples many"):
+        instant_path(loaded, "all", None, 3, None, 0.5)
+    with pytest.raises(InputError, match="--time writes one instant, and --fps resamples many"):
+        instant_path(loaded, "all", None, None, 3.0, 0.5)

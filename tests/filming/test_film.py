@@ -105,6 +105,8 @@ def test_another_film_or_another_folder_is_not_written_into(loaded: LoadedModel,
     with pytest.raises(InputError, match="not empty and not a render"):
         film(loaded, path, ["color"], foreign, video=False, progress=silent)
     assert [p.name for p in foreign.iterdir()] == ["thesis.tex"]
+    with pytest.raises(InputError, match=r"thesis\.tex: is a file; choose a new folder with --out"):
+        film(loaded, path, ["color"], foreign / "thesis.tex", video=False, progress=silent)
     (out / "render.json").write_text('{"scales": 3}')
     with pytest.raises(InputError, match="other settings"):
         film(loaded, path, ["color"], out, video=False, progress=silent)

@@ -230,6 +230,10 @@ def test_what_cannot_be_written_is_refused(run: Path) -> None:
         write_report(run, megabytes=0.001)
     with pytest.raises(InputError, match="is a folder; name the file with --out"):
         write_report(run, run / "eval")
+    scores = (run / "metrics.json").read_bytes()
+    with pytest.raises(InputError, match=r"metrics\.json: is there and no page; name another file, .*metrics\.html"):
+        write_report(run, run / "metrics.json")
+    assert (run / "metrics.json").read_bytes() == scores
 
 
 def large(run: Path) -> None:

@@ -62,6 +62,7 @@ def test_wrong_type_is_refused(table: dict[str, Any], value: object) -> None:
     message = refusal(table)
     assert "time.frames" in message
     assert "whole number" in message
+    assert "True" not in message, "that is how Python writes it, not TOML"
 
 
 def test_missing_road_is_refused(table: dict[str, Any]) -> None:

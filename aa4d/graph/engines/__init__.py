@@ -51,12 +51,14 @@ class Engine(Protocol):
 
 
 def check_means(name: str, means: Means) -> None:
-    """Raises InputError for an address that the engine has no use for."""
+    """Raises InputError for an address, or tasks at a time, that the engine has no use for."""
     if means.address is not None and name not in CLUSTERS:
         raise InputError(
             f"--address {means.address}: is of a Ray cluster, and the engine {name} uses none; "
             "add --engine ray, or leave it out"
         )
+    if name == "inline" and means.jobs not in (None, 1):
+        raise InputError(f"--jobs {means.jobs}: the engine inline does one task at a time; choose --engine processes")
 
 
 def engine_of(name: str, means: Means) -> Engine:
