@@ -77,7 +77,7 @@ class CaptureSettings:
     preset: str  # where the other settings start from
     reconstruction: Reconstruction
     selection: Selection = Selection()
-    movers: Annotated[str, NameIn(__name__, "MOVERS")] = "auto"  # twice: what is missed at first is added, with cameras known
+    movers: Annotated[str, NameIn(__name__, "MOVERS")] = "auto"  # twice: adds what was missed, with cameras known
     # Of what is burned into the pictures. Told: a finding that is wrong costs nothing, a mask would cost every frame.
     overlay: Annotated[str, NameIn(__name__, "OVERLAYS")] = "tell"
     size_px: Pixels = 1280  # longest side of the capture's frames, at most

@@ -62,7 +62,7 @@ def capture(
     movers: Annotated[
         str | None,
         name_in("aa4d.capture.settings", "MOVERS", "--movers", "auto"),
-        arg(help="auto: leave out what moves, by boxes, else by its motion. twice: and what that misses. off: no masks."),
+        arg(help="auto: leave out what moves, by boxes, else by its motion. twice: and what it misses. off: no masks."),
     ] = None,
     overlay: Annotated[
         str | None,
