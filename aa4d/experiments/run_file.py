@@ -11,6 +11,7 @@ from aa4d.errors import InputError
 from aa4d.experiments.command import print_rows
 from aa4d.experiments.experiment_file import read_experiment
 from aa4d.experiments.graphs import TABLES, experiment_graph, part_of
+from aa4d.experiments.scene_check import check_scenes
 from aa4d.experiments.variants import Experiment, Variant
 from aa4d.files import claimed, whole_file
 from aa4d.graph.costs import DONE, Costs, Planned, makespan, plan
@@ -44,6 +45,7 @@ def run_file(
     tables = experiment_graph(file := read_experiment(path))
     tasks = (tables,) if part is None else part_of(tables, *part)
     others = stores_of(costs_of)
+    check_scenes(path, in_order(tasks), store := Store(out))
     worker = engine_of(engine, means)
     with ExitStack() as stack:
         stack.callback(worker.close)
@@ -52,7 +54,6 @@ def run_file(
         stack.enter_context(claimed(mine, "running an experiment"))
         with whole_file(out / COPY) as temporary:
             temporary.write_bytes(path.read_bytes())
-        store = Store(out)
         with graph_listener(worker.slots, Costs((Store(out), *others))) as listen:
             tell = together(listen(in_order(tasks)), EventLog(mine / LOG))
             if tensorboard:
@@ -79,6 +80,7 @@ def show_plan(path: Path, out: Path, slots: int, part: tuple[int, int] | None, c
     tables = experiment_graph(read_experiment(path))
     index_in(out, INDEX, {"experiment": path.stem}, WHAT)
     tasks = in_order((tables,) if part is None else part_of(tables, *part))
+    check_scenes(path, tasks, Store(out))
     planned = plan(tasks, Store(out), Costs((Store(out), *stores_of(costs_of))))
     for entry in planned:
         about = "" if entry.state == DONE or entry.seconds is None else f", about {words_of(entry.seconds)}"

@@ -68,7 +68,7 @@ class Cell:
 
     text: str
     value: float | None = None
-    mark: str = ""  # "best", "second"
+    mark: str = ""  # "best", "second", "default"
     is_number: bool = True
     wraps: bool = False
 
@@ -178,6 +178,7 @@ class Section:
     parts: Sequence[Part]
     note: str = ""
     folded: bool = False  # opened by a click
+    anchor: str = ""  # which links of the page lead to
 
 
 def html_of(

@@ -28,6 +28,7 @@ class Series:
     dots: bool = True
     errors: Sequence[tuple[float | None, float | None]] = ()  # half a bar across and up, for each point
     notes: Sequence[str] = ()  # of each point, instead of its numbers
+    labels: Sequence[str] = ()  # beside each point; "" for none
     star: bool = False  # what is done where nothing is said
     faint: bool = False  # gray, behind all others
     color: int | None = None  # a place in `COLORS`; None: that of the series
@@ -43,6 +44,7 @@ class Plot:
     y: str
     series: Sequence[Series]
     log_x: bool = False
+    log_y: bool = False
     names: Sequence[str] = ()  # of x = 0, 1, 2, ...: the axis has names instead of numbers
     least_span: float = 0.0  # of y: what differs by less is not to look far apart
     steps: Sequence[tuple[float, str]] = ()  # a line up at x, and what begins there
@@ -84,12 +86,12 @@ def _key(series: Series, color: str) -> Markup:
 
 
 def _svg(plot: Plot) -> Markup:
-    there = [[p for p in s.points if _fits(p, plot.log_x)] for s in plot.series]
+    there = [[p for p in s.points if _fits(p, plot)] for s in plot.series]
     if not any(there):
         return Markup('<p class="note">nothing to draw</p>')
     xs, ys = _extents(plot)
     across = _Axis(xs, LEFT, WIDTH - RIGHT, log=plot.log_x)
-    up = _Axis(ys, HEIGHT - BOTTOM, TOP)
+    up = _Axis(ys, HEIGHT - BOTTOM, TOP, log=plot.log_y)
     about = f"{plot.title or plot.y}: {plot.y} over {plot.x} of {', '.join(s.name for s in plot.series)}"
     parts = [Markup('<svg viewBox="0 0 {:g} {:g}" role="img" aria-label="{}">').format(WIDTH, HEIGHT, about)]
     parts += _frame(plot, across, up)
@@ -98,21 +100,21 @@ def _svg(plot: Plot) -> Markup:
     return Markup("\n").join([*parts, Markup("</svg>")])
 
 
-def _fits(point: Point, log_x: bool) -> bool:
-    return all(math.isfinite(v) for v in point) and not (log_x and point[0] <= 0)
+def _fits(point: Point, plot: Plot) -> bool:
+    return all(math.isfinite(v) and (v > 0 or not log) for v, log in zip(point, (plot.log_x, plot.log_y), strict=True))
 
 
 def _extents(plot: Plot) -> tuple[Point, Point]:
     xs, ys = [], []
     for series in plot.series:
         for n, point in enumerate(series.points):
-            if _fits(point, plot.log_x):
+            if _fits(point, plot):
                 ex, ey = ((e or 0.0) for e in (series.errors[n] if series.errors else (0.0, 0.0)))
                 xs += [x for x in (point[0] - ex, point[0] + ex) if x > 0 or not plot.log_x]
-                ys += [point[1] - ey, point[1] + ey]
+                ys += [y for y in (point[1] - ey, point[1] + ey) if y > 0 or not plot.log_y]
     named = (-0.5, len(plot.names) - 0.5)
     return named if plot.names else _padded(min(xs), max(xs), 0.0, log=plot.log_x), _padded(
-        min(ys), max(ys), plot.least_span
+        min(ys), max(ys), plot.least_span, log=plot.log_y
     )
 
 
@@ -198,7 +200,7 @@ def _text(x: float, y: float, text: str, anchor: str, whole: str = "") -> Markup
 
 
 def _drawn(series: Series, color: str, across: _Axis, up: _Axis, plot: Plot) -> list[Markup]:
-    places = [(across(p[0]), up(p[1])) if _fits(p, plot.log_x) else None for p in series.points]
+    places = [(across(p[0]), up(p[1])) if _fits(p, plot) else None for p in series.points]
     parts = []
     if series.line:
         thin = max(1, -(-len(places) // MOST_POINTS))
@@ -210,11 +212,21 @@ def _drawn(series: Series, color: str, across: _Axis, up: _Axis, plot: Plot) -> 
         if place is None:
             continue
         if series.errors:
-            parts += _bars(point, series.errors[number], color, across, up, plot.log_x)
+            parts += _bars(point, series.errors[number], color, across, up, plot)
         where = plot.names[round(point[0])] if plot.names else f"{point[0]:.4g}"
         note = series.notes[number] if series.notes else f"{where}, {point[1]:.5g}"
         parts.append(_dot(*place, series, color, f"{series.name}: {note}"))
+        if series.labels:
+            parts.append(_label(*place, series.labels[number]))
     return parts
+
+
+def _label(x: float, y: float, text: str) -> Markup:
+    """Right of a point, or left where it would leave the plot."""
+    side, anchor = (-7, "end") if x + 7 + 5.5 * len(text) > WIDTH - RIGHT else (7, "start")
+    return Markup('<text class="label" x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>').format(
+        x + side, y - 5, anchor, text
+    )
 
 
 def _pieces(places: Sequence[Point | None]) -> list[list[Point]]:
@@ -257,12 +269,12 @@ def _dot(x: float, y: float, series: Series, color: str, note: str) -> Markup:
 
 
 def _bars(
-    point: Point, errors: tuple[float | None, float | None], color: str, across: _Axis, up: _Axis, log_x: bool
+    point: Point, errors: tuple[float | None, float | None], color: str, across: _Axis, up: _Axis, plot: Plot
 ) -> list[Markup]:
     x, y = point
     parts = []
-    if errors[0] and (x - errors[0] > 0 or not log_x):
+    if errors[0] and (x - errors[0] > 0 or not plot.log_x):
         parts.append(f"M{across(x - errors[0]):.1f} {up(y):.1f}H{across(x + errors[0]):.1f}")
-    if errors[1]:
+    if errors[1] and (y - errors[1] > 0 or not plot.log_y):
         parts.append(f"M{across(x):.1f} {up(y - errors[1]):.1f}V{up(y + errors[1]):.1f}")
     return [Markup('<path d="{}" stroke="{}" stroke-width="1.2"/>').format(path, color) for path in parts]

@@ -5,7 +5,9 @@ the scenes that do not. Each file says
 
 - `Settings`: the keys of its table, a frozen dataclass of `synth.checking.key` fields;
 - `STAGE`: when it runs, one of `STAGES`; `COST` and `TRUTH`: what it costs and which truth it touches, in words;
-- one function for its stage (see `STAGES`).
+- one function for its stage (see `STAGES`);
+- where it hides what the lens sees, in the same pixels of every frame, `covers(settings, plan) -> mask [H, W]`, which
+  is written to left_out/all.png.
 """
 
 import difflib
@@ -42,6 +44,7 @@ NAMES = (  # in the order in which those of one stage apply
     "vignetting",
     "exposure_drift",
     "sensor_noise",
+    "burned_in_text",
     "video_compression",
     "pose_noise",
 )

@@ -4,8 +4,11 @@ import dataclasses
 import hashlib
 from typing import Any
 
+import numpy as np
+
 from synth.capture import INDEX, PLAN, SECOND, Folder
 from synth.costs import Costs
+from synth.develop import png
 from synth.effects import at
 from synth.export.colmap import colmap_model
 from synth.export.index import index, measured_viewmats, rows, tracks
@@ -46,6 +49,10 @@ def export(plan: Plan, folder: Folder, plan_document: dict[str, Any], scene_file
             write_text(root / "sparse" / "0" / name, text)
         for name in plan.scene.exports:
             _annotations(name, reported, folder)
+        masks = [e.module.covers(e.settings, plan) for e in plan.effects if hasattr(e.module, "covers")]
+        if masks:
+            covered = np.logical_or.reduce(masks).astype(np.uint8) * np.uint8(255)
+            write_bytes(root / "left_out" / "all.png", png(covered))
     costs.save()
     files = checksums(folder)
     write_json(root / CHECKSUMS, files)

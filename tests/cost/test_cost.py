@@ -61,7 +61,7 @@ def test_the_command_writes_json_csv_and_a_page_that_say_the_same(
     assert report["machine"]["threads"] >= 1
     page = (tmp_path / "out/cost.html").read_text()
     assert "Absent: the moon is not here" in page
-    assert page.count('class="default"') == 1
+    assert page.count('class="default">1 s (default)') == 1
     assert "http" not in page.replace("http-equiv", "")  # nothing is fetched
 
 
@@ -178,11 +178,12 @@ def test_the_page_opens_in_a_browser_with_its_plots_and_asks_for_nothing(
     assert command(monkeypatch, "--out", tmp_path / "out", "--panels", "hyperbola") == 0
     with launched() as browser, watched(browser, 1000, 800) as seen:
         seen.page.goto((tmp_path / "out/cost.html").as_uri())
-        plots = seen.page.locator("img.plot")
-        assert plots.count() == 1
-        assert plots.evaluate("image => image.complete && image.naturalWidth") > 300
-        assert seen.page.locator("tr.default td").first.inner_text() == "1 s (default)"
-        assert seen.page.locator("tr.default td").first.evaluate("cell => getComputedStyle(cell).fontWeight") == "600"
+        points = seen.page.locator(".plot > svg circle")
+        assert points.count() == len(hyperbola.SECONDS) + 1, "and one that is beaten; the star is no circle"
+        assert seen.page.locator(".plot svg text.label").all_inner_texts()
+        default = seen.page.locator("td.default").first
+        assert default.inner_text() == "1 s (default)"
+        assert default.evaluate("cell => getComputedStyle(cell).fontWeight") == "700"
         seen.page.locator("a", has_text="Hyperbola").click()
         assert seen.page.url.endswith("#hyperbola")
         assert not seen.errors

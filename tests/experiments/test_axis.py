@@ -1,5 +1,6 @@
 """Experiments that turn one knob: derived scenes, thinned captures, scores against the knob."""
 
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ from PIL import Image
 from aa4d.capture.reader import read_capture, read_image
 from aa4d.capture.truth import moving_mask
 from aa4d.errors import InputError
+from aa4d.evaluation.second_drone import second_capture
 from aa4d.experiments.against import curve, plot_against
 from aa4d.experiments.axis import Knob
 from aa4d.experiments.derived_scene import derived
@@ -127,6 +129,25 @@ def test_every_nth_training_frame_is_left_and_every_held_out_one(toy_capture: Pa
         ours, theirs = moving_mask(thin, index), moving_mask(whole, before)
         assert (ours is None) == (theirs is None)
         assert ours is None or theirs is None or np.array_equal(ours, theirs)
+
+
+def test_a_second_drone_and_masks_are_left_at_the_same_instants(toy_capture: Path, tmp_path: Path) -> None:
+    source = tmp_path / "whole"
+    shutil.copytree(toy_capture, source)
+    shutil.copytree(toy_capture, source / "second")
+    for name in ("000001", "000002", "all"):
+        path = source / "left_out" / f"{name}.png"
+        path.parent.mkdir(exist_ok=True)
+        Image.new("L", (read_capture(source).camera.width, read_capture(source).camera.height), 255).save(path)
+    (folder := tmp_path / "thin").mkdir()
+    task = Task("thin", "toy", Thinning(4, read_capture(source).identity.digest(), source))
+    run(Call(task, folder, (), {}, lambda _: None))
+    thin = read_capture(folder)
+    second = second_capture(thin)
+    assert second is not None
+    assert len(second.frames) == len(thin.frames) < len(read_capture(source).frames)
+    names = {frame.name for frame in thin.frames}
+    assert {path.stem for path in (folder / "left_out").iterdir()} == {"all", *(names & {"000001", "000002"})}
 
 
 def test_scores_are_drawn_in_the_order_of_the_knob(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from aa4d.files import claimed
 from aa4d.graph.call import Call
 from aa4d.graph.kinds import Kind
 
+SCENES = Path(__file__).resolve().parents[2] / "scenes"
 TEXT = """
 title = "Two of them"
 scenes = ["capture"]
@@ -182,6 +183,51 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(
     said = capsys.readouterr().err
     assert says in said
     assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+KNOB = """
+title = "Rates"
+scenes = ["tiny.toml"]
+[variants.full]
+[axis]
+label = "frames per second"
+values = [12, 24]
+[axis.scene.time]
+fps = [12, 24]
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("fps =", "fpss ="), "tiny.toml, as tiny-12: time.fpss: unknown key; did you mean 'fps'?"),
+        (("[12, 24]\n[axis", "[12, 5000]\n[axis"), None),
+        (("fps = [12, 24]", "fps = [12, 5000]"), "tiny.toml, as tiny-24: time.fps: 5000 is out of range, it must be a"),
+        (("[axis.scene.time]\nfps", "[axis.scene.effects.haze]\nvisibility"), "effects.haze.visibility: unknown key"),
+        (("[axis]", "[scene.camera]\nwidth = 64\n[axis]"), "camera.width: unknown key; did you mean 'width_px'?"),
+    ],
+)
+def test_a_scene_that_the_renderer_would_refuse_is_refused_before_anything_is_written(
+    change: tuple[str, str],
+    says: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shutil.copyfile(SCENES / "tiny.toml", tmp_path / "tiny.toml")
+    file = tmp_path / "rates.toml"
+    assert change[0] in KNOB
+    file.write_text(KNOB.replace(*change))
+    if says is None:
+        assert aa4d(monkeypatch, file, "--out", tmp_path / "out", "--plan") == 0
+        return
+    for plan in ((), ("--plan",)):
+        assert aa4d(monkeypatch, file, "--out", tmp_path / "out", *plan) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(f"aa4d: {file}: ")
+        assert says in said
+        assert said.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 

@@ -117,6 +117,18 @@ def test_a_log_axis_puts_equal_ratios_at_equal_distances() -> None:
     plot = Plot("", "x", "y", [Series("s", [(1, 0), (10, 0), (100, 0)])], log_x=True)
     a, b, c = (float(x) for x in re.findall(r'<circle cx="([\d.]+)"', plot.svg))
     assert b - a == pytest.approx(c - b, abs=0.2)
+    up = Plot("", "x", "y", [Series("s", [(0, 1e-6), (0, 1e-3), (0, 1), (0, 0)])], log_y=True)
+    a, b, c = (float(y) for y in re.findall(r'cy="([\d.]+)"', up.svg))  # zero has no logarithm
+    assert b - a == pytest.approx(c - b, abs=0.2)
+    assert c < a
+
+
+def test_labels_stand_beside_their_points_inside_of_the_plot() -> None:
+    plot = Plot("", "x", "y", [Series("s", [(0, 0), (1, 1)], labels=("left", "a long name at the right"))])
+    assert re.findall(r'<text class="label"[^>]*text-anchor="(\w+)">([^<]*)<', plot.svg) == [
+        ("start", "left"),
+        ("end", "a long name at the right"),
+    ]
 
 
 def test_pictures_are_never_enlarged_and_fit_what_is_asked_for() -> None:

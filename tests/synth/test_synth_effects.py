@@ -16,7 +16,17 @@ import pytest
 
 from synth.band_limited import band_limited
 from synth.camera import intrinsics, invert_rigid
-from synth.effects import NAMES, STAGES, choose, cloud_shadow, haze, lens_distortion, sensor_noise, vignetting
+from synth.effects import (
+    NAMES,
+    STAGES,
+    burned_in_text,
+    choose,
+    cloud_shadow,
+    haze,
+    lens_distortion,
+    sensor_noise,
+    vignetting,
+)
 from synth.errors import InputError
 from synth.plan import Plan, make_plan
 from synth.rotations import rotation
@@ -190,6 +200,27 @@ def test_sensor_noise_has_the_variance_of_shots_and_reading() -> None:
         np.testing.assert_array_equal(
             found, sensor_noise.expose(settings, np.full((300, 300, 3), level, np.float32), shot)
         )
+
+
+def test_burned_in_text_is_black_and_white_where_the_mask_says_and_nowhere_else() -> None:
+    gray = np.full((54, 96, 3), 0.5, np.float32)
+    plan = SimpleNamespace(scene=SimpleNamespace(camera=SimpleNamespace(width_px=96, height_px=54)))
+
+    def shot(split: str, time_s: float = 12.3) -> SimpleNamespace:
+        return SimpleNamespace(frame=SimpleNamespace(split=split, time_s=time_s, viewmat=np.eye(4)))
+
+    for share in (0.0, 0.13, 0.26, 0.5):
+        settings = burned_in_text.Settings(height_share=share, held_out=False)
+        burned = burned_in_text.expose(settings, gray, shot("train"))
+        mask = burned_in_text.covers(settings, plan)
+        assert mask[54 - round(share * 54) :, :10].all()
+        np.testing.assert_array_equal((burned != gray).any(axis=-1), mask)
+        assert set(np.unique(burned[mask])) == ({0.0, 1.0} if share else set())
+        np.testing.assert_array_equal(burned_in_text.expose(settings, gray, shot("test")), gray)
+    shown = burned_in_text.Settings(height_share=0.13)
+    later = burned_in_text.expose(shown, gray, shot("test", time_s=12.4))
+    assert (later != burned_in_text.expose(shown, gray, shot("test"))).any(), "the clock runs"
+    assert (gray == 0.5).all()
 
 
 LENSES = [{"k1": -0.25, "k2": 0.06, "p1": 0.002, "p2": -0.001}, {"k1": 0.1, "k3": 0.01}, {"k1": 0.0}]

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from synth.develop import read_png
 from synth.truth.recording import Recording
 from synth.verify import verify
 
@@ -87,6 +88,8 @@ exposure_s = 0.5
 readout_s = 0.0
 [effects.haze]
 [effects.sensor_noise]
+[effects.burned_in_text]
+height_share = 0.2
 [effects.video_compression]
 [effects.pose_noise]
 """
@@ -108,8 +111,12 @@ def test_many_effects_at_once(flyover: Command, tiny_scene: Path, tmp_path: Path
     assert (stored["cell_label"] == 3).any()  # the clouds
     compressed = (recording.root / "frames" / "000001.png").read_bytes()
     assert compressed != (recording.root / "uncompressed" / "000001.png").read_bytes()
+    text = read_png((recording.root / "left_out" / "all.png").read_bytes()) > 0
+    developed = read_png((recording.root / "uncompressed" / "000001.png").read_bytes())
+    assert 0 < text.mean() < 0.2
+    assert np.isin(developed[text], (0, 255)).all()
     cost = json.loads((recording.root / "cost.json").read_text())
-    assert {"haze", "sensor_noise", "video_compression"} == set(cost["effects"])
+    assert {"haze", "sensor_noise", "burned_in_text", "video_compression"} == set(cost["effects"])
 
 
 def test_lens_distortion_carries_all_passes(flyover: Command, tiny_scene: Path, tmp_path: Path) -> None:
