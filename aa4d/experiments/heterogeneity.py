@@ -56,7 +56,7 @@ class Interval:
     high: float
 
     def text(self) -> str:
-        return f"{self.value:+.3g} [{self.low:+.3g}, {self.high:+.3g}]"
+        return f"{self.value:+.2f} [{self.low:+.2f}, {self.high:+.2f}]"
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def means(rows: list[dict[str, Any]]) -> list[list[str]]:
     found = [["variant", *SCORES]]
     for variant in variants_of(rows):
         scores = [scores_of(rows, variant, key) for key in SCORES]
-        found.append([variant, *("" if s is None else f"{s.values.mean():.3f}" for s in scores)])
+        found.append([variant, *("" if s is None else f"{s.values.mean():.2f}" for s in scores)])
     return found
 
 
