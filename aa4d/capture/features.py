@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pycolmap
 
+from aa4d.capture.apart import apart
 from aa4d.capture.clip import Clip
-from aa4d.capture.colmap import in_blocks, opened, run
+from aa4d.capture.colmap import in_blocks, opened
 from aa4d.capture.movers import Masks
 from aa4d.capture.overlay import Overlay
 from aa4d.capture.settings import Reconstruction
@@ -70,35 +72,37 @@ def extract(
     options.num_threads = threads
     options.max_image_size = settings.longest_px
     options.sift.max_num_features = settings.features
-    reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = settings.camera_model
-    reader.default_focal_length_factor = USUAL_FOCAL
+    reader: dict[str, Any] = {"camera_model": settings.camera_model, "default_focal_length_factor": USUAL_FOCAL}
     if focal_px is not None:
         camera = pycolmap.Camera.create_from_model_name(1, settings.camera_model, focal_px, clip.width, clip.height)
-        reader.camera_params = camera.params_to_string()
+        reader["camera_params"] = camera.params_to_string()
     if masks is not None:
-        reader.mask_path = masks.folder
+        reader["mask_path"] = masks.folder
     if overlay is not None and overlay.share:
-        reader.camera_mask_path = overlay.mask
+        reader["camera_mask_path"] = overlay.mask
     names = [frame.file for frame in clip.frames]
-    for done, block in in_blocks(names, FRAMES_A_THREAD * threads):
-        # A block is stored whole: what a stopped run keeps, and what the progress counts.
-        run(
-            lambda token, block=block: pycolmap.extract_features(  # type: ignore[misc]
-                database,
-                clip.folder,
-                image_names=block,
-                camera_mode=pycolmap.CameraMode.SINGLE,
-                reader_options=reader,
-                extraction_options=options,
-                device=pycolmap.Device.cpu,
-                cancellation_token=token,
-            ),
-            folder,
-        )
-        with opened(database) as stored:
-            reader.existing_camera_id = stored.read_all_cameras()[0].camera_id
-        progress(done + len(block), len(names))
+    with apart(folder) as run:
+        for done, block in in_blocks(names, FRAMES_A_THREAD * threads):
+            # A block is stored whole: what a stopped run keeps, and what the progress counts.
+            run(_extract_block, database, clip.folder, block, reader, options)
+            with opened(database) as stored:
+                reader["existing_camera_id"] = stored.read_all_cameras()[0].camera_id
+            progress(done + len(block), len(names))
     with opened(database) as stored:
         found = {image.name: stored.num_keypoints_for_image(image.image_id) for image in stored.read_all_images()}
     return Features(folder, tuple(found.get(name, 0) for name in names))
+
+
+def _extract_block(
+    database: Path, images: Path, names: list[str], reader: dict[str, Any], options: pycolmap.FeatureExtractionOptions
+) -> None:
+    """`reader` has what is not the default: an ImageReaderOptions that was pickled takes "." for an absent path."""
+    pycolmap.extract_features(
+        database,
+        images,
+        image_names=names,
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        reader_options=pycolmap.ImageReaderOptions(**reader),
+        extraction_options=options,
+        device=pycolmap.Device.cpu,
+    )

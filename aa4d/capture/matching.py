@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from aa4d.capture.apart import apart
 from aa4d.capture.clip import Clip
-from aa4d.capture.colmap import in_blocks, opened, run
+from aa4d.capture.colmap import in_blocks, opened
 from aa4d.capture.features import Features
 from aa4d.capture.settings import Reconstruction
 from aa4d.capture.workspace import Progress, Step, StepResult
@@ -77,16 +78,13 @@ def match(
     verification.compute_relative_pose = True
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = folder / "pairs.txt"
-    for done, block in in_blocks(wanted, PAIRS_A_THREAD * threads):
-        lines = "".join(f"{names[i]} {names[j]}\n" for i, j in block)
-        Path(pairing.match_list_path).write_text(lines, encoding="utf-8")
-        run(
-            lambda token: pycolmap.match_image_pairs(
-                database, matching, pairing, verification, device=pycolmap.Device.cpu, cancellation_token=token
-            ),
-            folder,
-        )
-        progress(done + len(block), len(wanted))
+    with apart(folder) as run:
+        for done, block in in_blocks(wanted, PAIRS_A_THREAD * threads):
+            lines = "".join(f"{names[i]} {names[j]}\n" for i, j in block)
+            Path(pairing.match_list_path).write_text(lines, encoding="utf-8")
+            device = pycolmap.Device.cpu
+            run(pycolmap.match_image_pairs, database, matching, pairing, verification, device=device)
+            progress(done + len(block), len(wanted))
     kinds, gaps = _verified(database, names)
     return Matches(folder, len(wanted), sum(kinds.values()), kinds, gaps)
 

@@ -24,9 +24,9 @@ TIMES = re.compile(
 )
 # Of the record of a task and of a trial's row: when files were made, and digests, which times are in.
 RECORDS = (frozenset({"files", "sum", "made_from"}), frozenset({"sum", "model"}))
-# Their content is not compared: what is in them stands in other files too, beside times and paths.
+# Their content is not compared: what is in them stands in other files too, beside times and paths, or is a log.
 NOT_COMPARED = re.compile(
-    r"(^|/)(\.|stopped\.json|cost\.json|tensorboard/|.*\.(html|db|blend|svg|md|png\.json)$)|(^|/)(pareto|compare).*\.png$"
+    r"(^|/)(\.|stopped\.json|cost\.json|events\.jsonl|tensorboard/|.*\.(html|db|blend|svg|md|png\.json)$)|(^|/)(pareto|compare).*\.png$"
 )
 
 

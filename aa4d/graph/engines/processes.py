@@ -5,8 +5,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import threading
-import time
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
@@ -16,8 +14,8 @@ from aa4d.graph.engines import Means
 from aa4d.graph.events import Event, Failed, Finished, Stopped, Tell
 from aa4d.graph.task import Task
 from aa4d.graph.work import OUT_OF_MEMORY, Job, attempt
+from aa4d.parent import end_with_parent
 
-ORPHANED_S = 0.5  # from one look after the parent to the next
 LONGEST_WAIT_S = 1.0
 
 
@@ -101,16 +99,8 @@ def _work(job: Job, parent: Connection) -> None:
     parent is gone, so that the same command finds the task's folder free.
     """
     os.setpgrp()
-    starter = multiprocessing.parent_process()  # it may be gone already: then somebody else is the parent
-    threading.Thread(target=_end_with, args=(starter and starter.pid,), daemon=True).start()
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     with suppress(BrokenPipeError, KeyboardInterrupt):
         attempt(job, parent.send)
-
-
-def _end_with(parent: int | None) -> None:
-    """A task's files are whole at every moment: to end at once loses what follows its last checkpoint."""
-    while os.getppid() == parent:
-        time.sleep(ORPHANED_S)
-    os._exit(1)
