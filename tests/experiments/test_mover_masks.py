@@ -33,7 +33,7 @@ def test_scores_are_shares_of_pixels_and_vehicles() -> None:
 def test_each_look_has_a_row_and_a_capture_without_truth_is_refused(tmp_path: Path) -> None:
     capture = read_capture(write_toy_capture(tmp_path / "capture", frames=6, travel_m=4))
     rows = measure(capture)
-    assert [(row["capture"], row["look"]) for row in rows] == [("capture", "first"), ("capture", "second")]
+    assert [(row["capture"], row["look"]) for row in rows] == [("capture", look) for look in ("first", "auto", "twice")]
     assert all(row["cpu_s"] > 0 for row in rows)
     bare = read_capture(write_toy_capture(tmp_path / "other", frames=6))
     with pytest.raises(InputError, match="has no true tracks"):
