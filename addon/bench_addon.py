@@ -296,7 +296,9 @@ def _errors(
     }
 
 
-def pictures(module: str, model_path: Path, folder: Path, scratch: Path) -> list[dict[str, Any]]:
+def pictures(
+    module: str, model_path: Path, folder: Path, scratch: Path, samples: int | None = None
+) -> list[dict[str, Any]]:
     """Renders of the local Gaussians against the PNGs of `aa4d render`."""
     import bpy
 
@@ -310,7 +312,8 @@ def pictures(module: str, model_path: Path, folder: Path, scratch: Path) -> list
         return pixels
 
     rows = []
-    for kind in RENDERS:
+    for row_of in RENDERS:
+        kind = row_of if samples is None else row_of._replace(samples=samples)
         if kind.look not in look_nodes.LOOKS:
             continue
         print(f"rendering {kind} ...", file=sys.stderr, flush=True)
@@ -375,6 +378,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, required=True, help="where to write the rows")
     parser.add_argument("--model", type=Path, help="a trained model, for accuracy against time")
     parser.add_argument("--pictures", type=Path, help="a folder of PNGs that aa4d render wrote of this model")
+    parser.add_argument("--samples", type=int, help="of every render; by default each row has its own")
     parser.add_argument("--anchors", type=int, nargs="*", default=ANCHORS, help="how many anchors the models have")
     options = parser.parse_args()
     result: dict[str, Any] = {"load_before": os.getloadavg(), "cpus": os.cpu_count(), "rows": []}
@@ -392,7 +396,7 @@ def main() -> int:
             result["accuracy"] = accuracy(module, options.model)
             if options.pictures is not None:
                 folder = options.pictures
-                result["pictures"] = pictures(module, options.model, folder, Path(scratch))
+                result["pictures"] = pictures(module, options.model, folder, Path(scratch), options.samples)
     options.json.parent.mkdir(parents=True, exist_ok=True)
     write(options.json, result)
     if "pictures" in result:
