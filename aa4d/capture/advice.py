@@ -14,8 +14,8 @@ GOOD_SHARE = 0.95
 GOOD_ERROR_PX = 1.0
 TURNING = ("PANORAMIC", "PLANAR_OR_PANORAMIC")
 FLAT = ("PLANAR", *TURNING)
-MANY_SHARE = 0.3  # of the frames that show the horizon
-TILT_DEG = 6.0  # of the ground against the horizon: roads climb by less
+MANY_SHARE = 0.3  # Share of the frames that show the horizon
+TILT_DEG = 6.0  # Angle of the ground against the horizon: roads climb by less
 FLAT_SHARE = 0.9  # fraction of the pairs: with more, next to nothing in the frames tells the focal length
 
 

@@ -13,19 +13,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-LONGEST_PX = 480  # of the pictures in which it is looked for
+LONGEST_PX = 480  # Longest side of the pictures in which it is looked for
 STEEPEST = 0.6  # rows a column, of a camera that banks by 31 degrees
 SLOPES = 61
 ROWS = 4  # averaged above and below
 STEP_GRAYS = 5.0  # from sky to what is below it
-NEAR_PX = 2  # of an outline from its line
+NEAR_PX = 2  # Distance of an outline from its line
 SMOOTH_GRAYS = 3.0  # a pixel: sky has weaker slopes
-SKY_PX = 40  # of the sky above the line that are looked at, or up to the picture's edge
-CLEAR_SHARE = 0.9  # of those that are smooth
-LEAST_SHARE = 0.2  # of the picture's width in which the horizon is seen
-OPEN_SHARE = 0.25  # of that: columns in which the sky goes on below the line
+SKY_PX = 40  # Rows of sky above the line that are looked at, or up to the picture's edge
+CLEAR_SHARE = 0.9  # Share of those that is smooth
+LEAST_SHARE = 0.2  # Share of the picture's width in which the horizon is seen
+OPEN_SHARE = 0.25  # Columns in which the sky goes on below the line, as a share of that
 FEWEST, FOUND_SHARE, AGREE_SHARE = 5, 0.5, 0.7  # frames; of all that show it; of those that agree with each other
-STEADY_SHARE, STEADY_DEG = 0.8, 2.0  # of all that show it, while it turns less from nine of ten to the next
+STEADY_SHARE, STEADY_DEG = 0.8, 2.0  # Share of all that show it; turn to the next frame, of nine in ten
 AGREE_DEG, APART_DEG = 2.0, 3.0  # between ups of two frames; of one from that of most
 
 Floats = NDArray[np.float64]
@@ -33,12 +33,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Horizon:
-    """What frames that show a horizon say of their cameras."""
+    """The verdict of frames that show a horizon on their cameras."""
 
     seen: int  # frames that show it
     spread_deg: float  # the widest angle between two frames' ups
     apart: tuple[int, ...]  # frames that disagree with most others on where up is
-    tilt_deg: float  # of the up of most frames against the world's
+    tilt_deg: float  # Angle of the up of most frames against the world's
 
 
 def horizon_line(picture: NDArray[np.uint8]) -> tuple[float, float] | None:
@@ -69,7 +69,7 @@ def horizon_line(picture: NDArray[np.uint8]) -> tuple[float, float] | None:
 
 
 def horizon_of(pictures: Iterable[NDArray[np.uint8]], K: Floats, viewmats: Floats) -> Horizon | None:
-    """What the frames [H, W] (gray, undistorted) of cameras `K` [3, 3] at `viewmats` [N, 4, 4] show."""
+    """The verdict of frames [H, W] (gray, undistorted) on cameras `K` [3, 3] at `viewmats` [N, 4, 4]; None where they show no horizon."""
     lines = (horizon_line(picture) for picture in pictures)
     return compare({i: up_in_camera(line, K) for i, line in enumerate(lines) if line is not None}, viewmats)
 

@@ -23,7 +23,7 @@ from aa4d.capture.undistortion import Pictures
 from aa4d.capture.workspace import Progress, Step, StepResult
 
 STILL, STILL_SHARE = 0.7, 0.75  # pixels of disagreement: of less, and of so much of a patch, it stands still
-JUDGED_SHARE = 0.5  # of a patch: with less of it in other frames, nothing can be said
+JUDGED_SHARE = 0.5  # Share of a patch: with less of it in other frames, nothing can be said
 SURE, LIKELY = 3.0, 1.5  # pixels of disagreement: of a mover, and of one that the first look saw as well
 GROWN = 1.1  # pixels: what belongs to it
 SEED_PIXELS = 12  # that a mover has of those

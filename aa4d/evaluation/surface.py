@@ -1,4 +1,4 @@
-"""Where in the world the surfaces lie that a frame shows, by its true depth."""
+"""Places in the world of the surfaces that a frame shows, by its true depth."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ LEVEL_M = 0.3  # between a surface and the height at which movers pass: kerbs co
 
 
 class SweptGround:
-    """Of a capture, frame by frame."""
+    """The swept ground of a capture, frame by frame."""
 
     def __init__(self, capture: Capture) -> None:
         """Raises InputError for damaged truth."""
