@@ -1,13 +1,26 @@
-"""A process that must not outlive the one that started it."""
+"""A process that lives by the one that started it: Ctrl-C reaches it through that one, and it does not outlive it."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
 import time
+from multiprocessing import resource_tracker
+from multiprocessing.process import BaseProcess
 
 LOOKED_EVERY_S = 0.5
+
+
+def start_without_interrupts(process: BaseProcess) -> None:
+    """Start a process that inherits a block of Ctrl-C, which it lifts itself if it can answer it."""
+    resource_tracker.ensure_running()  # else the first start begins it, which lifts the block
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def end_with_parent() -> None:

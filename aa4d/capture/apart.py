@@ -9,10 +9,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import shutil
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,7 @@ from typing import Any
 from aa4d.capture.colmap import TO_BEGIN_BYTES, TO_GO_ON_BYTES, WATCHED_EVERY_S, check_space, quiet
 from aa4d.errors import InputError
 from aa4d.interrupts import stop_requests
-from aa4d.parent import end_with_parent
+from aa4d.parent import end_with_parent, start_without_interrupts
 
 Run = Callable[..., None]
 
@@ -34,14 +32,8 @@ def apart(writes_to: Path) -> Iterator[Run]:
     """
     context = multiprocessing.get_context("spawn")  # not forked: COLMAP's threads do not survive that
     ours, theirs = context.Pipe()
-    resource_tracker.ensure_running()  # else the start begins it, which lifts the block
     process = context.Process(target=_serve, args=(theirs,), daemon=True)
-    # It inherits the block: Ctrl-C in the terminal is for this process, which then ends it.
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    start_without_interrupts(process)  # Ctrl-C in the terminal is for this process, which then ends it
     theirs.close()
 
     def run(stage: Callable[..., object], *arguments: Any, **options: Any) -> None:

@@ -25,7 +25,7 @@ CLEAR_SHARE = 0.9  # Share of those that is smooth
 LEAST_SHARE = 0.2  # Share of the picture's width in which the horizon is seen
 OPEN_SHARE = 0.25  # Columns in which the sky goes on below the line, as a share of that
 FEWEST, FOUND_SHARE, AGREE_SHARE = 5, 0.5, 0.7  # frames; of all that show it; of those that agree with each other
-STEADY_SHARE, STEADY_DEG = 0.8, 2.0  # Share of all that show it; turn to the next frame, of nine in ten
+STEADY_SHARE, STEADY_DEG = 0.8, 2.0  # Share that shows it; turn to the next frame, in nine of ten
 AGREE_DEG, APART_DEG = 2.0, 3.0  # between ups of two frames; of one from that of most
 
 Floats = NDArray[np.float64]
@@ -69,7 +69,7 @@ def horizon_line(picture: NDArray[np.uint8]) -> tuple[float, float] | None:
 
 
 def horizon_of(pictures: Iterable[NDArray[np.uint8]], K: Floats, viewmats: Floats) -> Horizon | None:
-    """The verdict of frames [H, W] (gray, undistorted) on cameras `K` [3, 3] at `viewmats` [N, 4, 4]; None where they show no horizon."""
+    """The verdict of frames [H, W] (gray, undistorted) on cameras `K` [3, 3] at `viewmats` [N, 4, 4]; None as `compare`."""
     lines = (horizon_line(picture) for picture in pictures)
     return compare({i: up_in_camera(line, K) for i, line in enumerate(lines) if line is not None}, viewmats)
 

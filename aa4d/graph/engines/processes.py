@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import signal
 from contextlib import suppress
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
@@ -14,7 +13,7 @@ from aa4d.graph.engines import Means
 from aa4d.graph.events import Event, Failed, Finished, Stopped, Tell
 from aa4d.graph.task import Task
 from aa4d.graph.work import OUT_OF_MEMORY, Job, attempt
-from aa4d.parent import end_with_parent
+from aa4d.parent import end_with_parent, start_without_interrupts
 
 LONGEST_WAIT_S = 1.0
 
@@ -32,13 +31,7 @@ class Processes:
     def start(self, job: Job, tell: Tell) -> None:
         ours, theirs = self._context.Pipe(duplex=False)
         process = self._context.Process(target=_work, args=(job, theirs))
-        resource_tracker.ensure_running()  # else the first start begins it, which lifts the block
-        # The process inherits the block, and takes Ctrl-C once it can answer it (`_work`).
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        start_without_interrupts(process)  # `_work` lifts the block once it can answer
         theirs.close()
         self._running[ours] = (job, tell, process)
 
