@@ -69,7 +69,7 @@ def horizon_line(picture: NDArray[np.uint8]) -> tuple[float, float] | None:
 
 
 def horizon_of(pictures: Iterable[NDArray[np.uint8]], K: Floats, viewmats: Floats) -> Horizon | None:
-    """The verdict of frames [H, W] (gray, undistorted) on cameras of `K` [3, 3] at `viewmats` [N, 4, 4]; see `compare`."""
+    """The verdict of frames [H, W] (gray, undistorted) on cameras of `K` [3, 3] at `viewmats` [N, 4, 4]."""
     lines = (horizon_line(picture) for picture in pictures)
     return compare({i: up_in_camera(line, K) for i, line in enumerate(lines) if line is not None}, viewmats)
 
