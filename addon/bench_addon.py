@@ -311,9 +311,9 @@ def pictures(
         bpy.data.images.remove(image)
         return pixels
 
+    kinds = RENDERS if samples is None else dict.fromkeys(kind._replace(samples=samples) for kind in RENDERS)
     rows = []
-    for row_of in RENDERS:
-        kind = row_of if samples is None else row_of._replace(samples=samples)
+    for kind in kinds:
         if kind.look not in look_nodes.LOOKS:
             continue
         print(f"rendering {kind} ...", file=sys.stderr, flush=True)

@@ -148,10 +148,21 @@ def test_playback_is_live_by_default_and_cheaper_while_it_plays() -> None:
 
 
 def test_the_default_look_is_the_one_that_a_new_import_has() -> None:
+    row = {"trained_picture": "no", "seen_from": "capture", "harmonics": 0, "processor_s": 1.0, "db": 20.0}
     looks = [
-        {"look": look, "trained_picture": trained, "processor_s": 1.0, "db": 20.0}
+        row | {"look": look, "trained_picture": trained}
         for look in ("Gaussians", "Native Splats")
-        for trained in (False, True)
+        for trained in ("no", "yes")
     ]
-    assert [p.label for p in playback_looks.points({"pictures": looks}) if p.is_default] == ["Native Splats"]
+    frozen = row | {"look": "Native Splats", "trained_picture": "yes", "seen_from": "frozen"}
+    found = playback_looks.points({"pictures": [*looks, frozen, frozen | {"harmonics": 1}]})
+    assert [p.label for p in found] == [
+        "Gaussians",
+        "Gaussians, Trained Picture",
+        "Native Splats",
+        "Native Splats, Trained Picture",
+        "Native Splats, Trained Picture, seen from one place",
+        "Native Splats, Trained Picture, seen from one place, harmonics of degree 1",
+    ]
+    assert [p.label for p in found if p.is_default] == ["Native Splats"]
     assert [p.label for p in playback_looks.points({"pictures": looks[:2]}) if p.is_default] == ["Gaussians"]

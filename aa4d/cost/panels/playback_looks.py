@@ -13,15 +13,20 @@ USUAL = ("Native Splats", "Gaussians")  # the look of a new import: the first th
 def points(result: dict[str, Any]) -> list[Point]:
     usual = next(look for look in USUAL if any(row["look"] == look for row in result["pictures"]))
     return [
-        Point(
-            row["look"] + (", Trained Picture" if row["trained_picture"] else ""),
-            row["processor_s"],
-            None,
-            row["db"],
-            row["look"] == usual and not row["trained_picture"],
-        )
+        Point(_label(row), row["processor_s"], None, row["db"], is_default=_label(row) == usual)
         for row in result["pictures"]
     ]
+
+
+def _label(row: dict[str, Any]) -> str:
+    parts = [row["look"]]
+    if row["trained_picture"] == "yes":
+        parts.append("Trained Picture")
+    if row["seen_from"] == "frozen":
+        parts.append("seen from one place")
+    if row["harmonics"]:
+        parts.append(f"harmonics of degree {row['harmonics']}")
+    return ", ".join(parts)
 
 
 def measurements(setup: Setup) -> tuple[Measurement, ...]:
