@@ -18,7 +18,7 @@ from aa4d.graph.child import run_child
 from aa4d.graph.task import Task
 
 ANCHORS = {"quick": 5_000, "full": 20_000}
-SAMPLES = {"quick": 8, "full": 64}
+SAMPLES = {"quick": 4, "full": 64}
 SECONDS = {"quick": 60.0, "full": 600.0}
 
 

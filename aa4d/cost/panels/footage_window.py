@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from aa4d.cost.footage import USUAL, footage_panel
 
-WINDOWS = (1, 2, 3, 8)
+WINDOWS = (1, 3, 8)
 
 
 def label(window: int) -> str:
