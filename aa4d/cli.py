@@ -64,7 +64,7 @@ COMMANDS: dict[str, Command] = {
 ABOUT = {
     "synth": "Render a scene file as a capture, with Blender; or check and measure that. "
     "`aa4d synth SCENE` is `aa4d synth render SCENE`.",
-    "bench": "Measure training or the CPU rasteriser on this machine, on made-up scenes.",
+    "bench": "Measure training or the CPU rasterizer on this machine, on made-up scenes.",
 }
 
 

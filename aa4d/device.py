@@ -39,7 +39,7 @@ def choose_device(name: DeviceName) -> torch.device:
             "machine with an NVIDIA GPU, or use --device cpu"
         )
     if find_spec("gsplat") is None:
-        raise InputError("--device cuda: needs the rasteriser gsplat; pip install gsplat, or use --device cpu")
+        raise InputError("--device cuda: needs the rasterizer gsplat; pip install gsplat, or use --device cpu")
     # SSIM's variances and LPIPS's distances are small differences: ten bits of mantissa are too few.
     torch.backends.cudnn.allow_tf32 = False
     return torch.device("cuda")

@@ -111,8 +111,10 @@ class _Checker:
             finite = not isinstance(value, (int, float)) or math.isfinite(value)
         except OverflowError:  # a whole number beyond float64
             finite = False
+        why = f" ({metadata['why']})" if metadata.get("why") else ""
+        if isinstance(value, float) and not finite:
+            raise self.fail(where, f"must be {wanted}, not {value}{why}")
         if not finite or (limits and not limits[0] <= value <= limits[1]):
-            why = f" ({metadata['why']})" if metadata.get("why") else ""
             raise self.fail(where, f"{value} is out of range, it must be {wanted}{why}")
         return float(value) if kind is float else value
 

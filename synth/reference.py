@@ -22,8 +22,8 @@ A scene is a TOML file; `scenes/crossroads.toml` is one to start from, `scenes/a
 there is. It is checked before anything is rendered: an unknown key, a wrong type, a value out of range or a missing key
 is refused with the file, the key and what would be allowed. A key without a default must be given.
 
-The world is right-handed with z up, in metres, its origin in the middle of the street; east is +x, north is +y. Angles
-of directions run counter-clockwise from east. Colours are linear RGB. Traffic keeps to the right.
+The world is right-handed with z up, in meters, its origin in the middle of the street; east is +x, north is +y. Angles
+of directions run counter-clockwise from east. Colors are linear RGB. Traffic keeps to the right.
 
 ```
 aa4d synth scenes/crossroads.toml --out captures/crossroads
@@ -97,7 +97,7 @@ one step becomes a change of lane of two seconds. Gaps and rows that are left ou
 `--explain`.
 
 `scale`, `recentre`, `turn_deg` and `shift_m`, in this order, place a table on the street. `--explain` and the rendering
-say which share of the vehicles' way lies off the road: on kerbs, pavements, lawns, or beyond the scene's ground.
+say which share of the vehicles' way lies off the road: on curbs, pavements, lawns, or beyond the scene's ground.
 
 SUMO's floating car data names a vehicle's type, not its class. `types` is the file with SUMO's `<vType>` elements,
 whose `vClass` decides; without it the whole words of the type's name do: `bus_1` is a bus, `rebus` is not. Where no

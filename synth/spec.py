@@ -48,7 +48,7 @@ class Block:
 class Greenery:
     """Trees along the streets."""
 
-    street_trees: float = key("share of the places along the kerbs that have a tree", range=(0, 1), default=0.7)
+    street_trees: float = key("share of the places along the curbs that have a tree", range=(0, 1), default=0.7)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,9 +72,9 @@ class Light:
     sun_angle_deg: float = key("apparent diameter: greater is softer shadows", unit="degrees", range=(0, 20),
                                default=1.5)  # fmt: skip
     sun_strength: float = key("brightness of the sun", unit="W/m²", range=(0, 100), default=3.5)
-    sun_colour: tuple[float, float, float] = key("its colour, linear RGB", range=(0, 1), default=(1.0, 0.95, 0.86))
+    sun_colour: tuple[float, float, float] = key("its color, linear RGB", range=(0, 1), default=(1.0, 0.95, 0.86))
     sky_strength: float = key("brightness of the sky", range=(0, 100), default=0.9)
-    sky_colour: tuple[float, float, float] = key("colour of the sky overhead, linear RGB", range=(0, 1),
+    sky_colour: tuple[float, float, float] = key("color of the sky overhead, linear RGB", range=(0, 1),
                                                  default=(0.22, 0.38, 0.68))  # fmt: skip
 
 
@@ -82,7 +82,7 @@ class Light:
 class Render:
     """What a picture costs."""
 
-    samples: int = key("samples of the picture; the ground truth always takes one, at the pixel's centre",
+    samples: int = key("samples of the picture; the ground truth always takes one, at the pixel's center",
                        unit="per pixel", range=(1, 65_536), default=16)  # fmt: skip
     denoise: bool = key("OpenImageDenoise on every frame", default=True)
 
@@ -92,12 +92,12 @@ class Truth:
     """Ground truth."""
 
     passes: tuple[str, ...] = key("which passes are written for every frame", default=ALWAYS)
-    cell_m: float = key("side of the ground cells of the pass `activity`", unit="metres", range=(0.1, 100), default=1.0)
+    cell_m: float = key("side of the ground cells of the pass `activity`", unit="meters", range=(0.1, 100), default=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A scene file. The world is right-handed with z up, in metres, its origin in the middle of the street; east is
+    """A scene file. The world is right-handed with z up, in meters, its origin in the middle of the street; east is
     +x, north is +y. Angles of directions run counter-clockwise from east. Traffic keeps to the right."""
 
     name: str = key("the scene's name: letters, digits, `-` `_` `.`")
@@ -180,6 +180,10 @@ def _check_across(scene: Scene, source: str) -> None:
                 if not start < end:
                     raise InputError(f"{source}: signal.{name}: [{start}, {end}] must be [start, later end].")
     choose(scene.effects, source)
+    for where, names in (("truth.passes", scene.truth.passes), ("exports", scene.exports)):
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"{source}: {where}: {name!r} is given twice; give each once.")
     for name in scene.truth.passes:
         if name not in PASSES:
             raise InputError(f"{source}: truth.passes: unknown pass {name!r}; there are: {', '.join(PASSES)}.")

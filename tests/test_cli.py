@@ -21,6 +21,7 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
     assert result.returncode == 0
     assert "usage: aa4d" in result.stdout
     assert "{None}" not in result.stdout
+    assert "(default: )" not in result.stdout
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ def advice(
     if other_models:
         said.append(
             "The clip falls into parts that could not be joined: a cut, a fast turn, or too little overlap. Capture "
-            "the parts on their own (--start, --end), or raise --rate so that neighbouring frames overlap."
+            "the parts on their own (--start, --end), or raise --rate so that neighboring frames overlap."
         )
     if registered_share < GOOD_SHARE and not other_models:
         said.append(
@@ -144,11 +144,11 @@ def advice(
             "little texture (water, fields from far above, night)."
         )
     if gaps:
-        said.append("Some neighbouring frames have nothing in common: raise --rate, or check for a cut there.")
+        said.append("Some neighboring frames have nothing in common: raise --rate, or check for a cut there.")
     if error_px > GOOD_ERROR_PX:
         said.append(
             "The reprojection error is high: rolling shutter, a zoom during the clip or strong electronic "
-            "stabilisation. Switch stabilisation off when filming, fly slower, and use one zoom setting."
+            "stabilization. Switch stabilization off when filming, fly slower, and use one zoom setting."
         )
     if overlay is not None:
         said.append(f"{overlay[0].upper()}{overlay[1:]}.")

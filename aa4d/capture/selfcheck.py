@@ -63,7 +63,7 @@ def check_capture(folder: Path, observations: dict[str, tuple[Floats, Floats]], 
     if float(np.median(every)) > MAX_ERROR_PX * shrunk or color > MAX_COLOR_DIFFERENCE:
         size = f"{capture.camera.width}x{capture.camera.height}"
         raise InputError(
-            f"the self-check failed (reprojection error {np.median(every):.1f} px in frames of {size}, colours "
+            f"the self-check failed (reprojection error {np.median(every):.1f} px in frames of {size}, colors "
             f"{color:.0f} of 255 apart): the cameras do not belong to these frames; try --preset accurate"
         )
     return SelfCheck(

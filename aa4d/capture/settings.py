@@ -34,8 +34,8 @@ class Selection:
     max_frames: Annotated[int, Range(3, 1_000_000)] | None = None  # to use at most, evenly over the range; None: 150
     source_fps: PerSecond | None = None  # of a folder of frames, which does not say it; None: 30
     longest_px: Pixels = 1600  # frames are made smaller than that
-    blurred_below: Share = 0.35  # share of its neighbours' sharpness below which a frame is left out; 0: none is
-    duplicate_below: Grays = 0.4  # mean grey-level difference from the frame before; 0: only identical ones
+    blurred_below: Share = 0.35  # share of its neighbors' sharpness below which a frame is left out; 0: none is
+    duplicate_below: Grays = 0.4  # mean gray-level difference from the frame before; 0: only identical ones
 
     def __post_init__(self) -> None:
         if self.end_s is not None and not self.end_s > self.start_s:

@@ -9,6 +9,7 @@ from tyro.conf import Positional, arg
 
 from aa4d.commands.choices import described, name_in
 from aa4d.commands.experiment_options import Options
+from aa4d.words import ONE_OR_MORE
 
 
 def ablate(
@@ -17,7 +18,9 @@ def ablate(
         name_in("aa4d.experiments.variants", "ABLATIONS", "ablate"),
         arg(help=described("aa4d.experiments.variants", "ABLATIONS", "title")),
     ],
-    captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
+    captures: Annotated[
+        Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.", help_behavior_hint=ONE_OR_MORE)
+    ],
     experiment: Options,
 ) -> None:
     """Train and score the variants of a table: the paper's ablations, or motion. Stopped, it continues."""

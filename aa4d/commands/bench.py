@@ -33,7 +33,7 @@ def train(
 
 
 def raster(json: Json = None, repeats: Repeats = 7) -> None:
-    """The CPU rasteriser's speed."""
+    """The CPU rasterizer's speed."""
     from aa4d.raster import bench
 
     _check(json, repeats)
@@ -41,7 +41,7 @@ def raster(json: Json = None, repeats: Repeats = 7) -> None:
 
 
 def precision(repeats: Repeats = 7) -> None:
-    """Measure the cost of the rasteriser's precisions, and what each leaves out."""
+    """Measure the cost of the rasterizer's precisions, and what each leaves out."""
     from aa4d.raster import bench
 
     _check(None, repeats)
@@ -49,7 +49,7 @@ def precision(repeats: Repeats = 7) -> None:
 
 
 def scaling(repeats: Repeats = 7) -> None:
-    """How the rasteriser's time grows."""
+    """How the rasterizer's time grows."""
     from aa4d.raster import bench
 
     _check(None, repeats)

@@ -79,7 +79,7 @@ def capture(
     ] = None,
     altitude: Annotated[
         float | None,
-        arg(metavar="FLOAT", help="Metres from the camera to what it sees: the scale, where nothing else gives it."),
+        arg(metavar="FLOAT", help="Meters from the camera to what it sees: the scale, where nothing else gives it."),
     ] = None,
     seed: Annotated[int | None, arg(metavar="INT", help="Random seed; by default 0.")] = None,
     threads: Annotated[int | None, arg(metavar="INT", help="Threads; by default one for each core.")] = None,
@@ -118,7 +118,7 @@ def capture(
 
 def tell(made: CaptureSummary) -> None:
     """What was made, what was left out, and what would help."""
-    unit = "metres" if made.world.unit == "metres" else "not known to be metres"
+    unit = "meters" if made.world.unit == "metres" else "not known to be meters"
     width, height = made.size
     error_m = made.world.gnss_error_m
     fit = "" if error_m is None else f", the cameras {error_m:.2f} m from theirs (median)"

@@ -9,11 +9,13 @@ from tyro.conf import Positional, arg
 
 from aa4d.commands.choices import list_of, name_in
 from aa4d.commands.experiment_options import ENGINE_HELP, Address, Jobs, engine_choice
+from aa4d.words import ONE_OR_MORE
 
 
 def compare(
     captures: Annotated[
-        Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth` or `aa4d capture`.")
+        Positional[tuple[Path, ...]],
+        arg(help="Capture folders, made by `aa4d synth` or `aa4d capture`.", help_behavior_hint=ONE_OR_MORE),
     ],
     out: Annotated[Path, arg(help="Folder for the runs, the tables and the pictures.")],
     methods: Annotated[

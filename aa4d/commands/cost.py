@@ -8,6 +8,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, arg
 
 from aa4d.commands.choices import names_in
+from aa4d.words import ANY_NUMBER
 
 
 def cost(
@@ -25,13 +26,20 @@ def cost(
     ] = None,
     capture: Annotated[
         Path | None,
-        arg(metavar="PATH", help="Capture to train on and to reconstruct, instead of one that is rendered."),
+        arg(
+            metavar="PATH",
+            help="Capture to train on and to reconstruct, instead of one that is rendered; for panels that do either.",
+        ),
     ] = None,
     plan: Annotated[
         FlagCreatePairsOff[bool], arg(help="Show what would be measured and how long it would take, and do nothing.")
     ] = False,
     costs: Annotated[
-        tuple[Path, ...], arg(help="Folders of other reports, by whose measured times this one's is foretold.")
+        tuple[Path, ...],
+        arg(
+            help="Folders of other reports, by whose measured times this one's is foretold.",
+            help_behavior_hint=ANY_NUMBER,
+        ),
     ] = (),
 ) -> None:
     """Report what accuracy costs in time, from rendering to playback. Stopped, the same command continues."""

@@ -8,6 +8,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from aa4d.commands.experiment_options import ENGINE_HELP, Address, engine_choice
+from aa4d.words import ANY_NUMBER
 
 
 def experiment(
@@ -25,7 +26,11 @@ def experiment(
         str | None, arg(metavar="I/N", help="Only every N-th run from the I-th on, and no tables: for array jobs.")
     ] = None,
     costs: Annotated[
-        tuple[Path, ...], arg(help="Folders of other experiments, by whose measured times this one's is foretold.")
+        tuple[Path, ...],
+        arg(
+            help="Folders of other experiments, by whose measured times this one's is foretold.",
+            help_behavior_hint=ANY_NUMBER,
+        ),
     ] = (),
     tensorboard: Annotated[
         FlagCreatePairsOff[bool], arg(help="Write OUT/tensorboard; look with `tensorboard --logdir OUT`.")

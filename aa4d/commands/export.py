@@ -54,8 +54,8 @@ def export(
         arg(help="world: z up. viewer: y down, which splat viewers show upright. Of ply, sog and points."),
     ] = "world",
 ) -> None:
-    """Write a model for other programs, in world metres. Continues where it stopped; docs/export.md has the details."""
-    from aa4d.export import EXPORTERS
+    """Write a model for other programs, in world meters. Continues where it stopped; docs/export.md has the details."""
+    from aa4d.export import EXPORTERS, what_to_open
     from aa4d.export import export as run_export
     from aa4d.export.clip import Clip, mean_eye
     from aa4d.filming.camera_path import instant_path, path_of_frames, view_of_frame
@@ -76,6 +76,6 @@ def export(
         folder = folder.with_name(f"{folder.name}-harmonics{harmonics}")
     with step_progress("views") as progress:
         said = run_export(Clip(loaded, flown, eye, axes, degree=harmonics), format, folder, progress)
-    console.print(f"{EXPORTERS[format].description}: {folder}", highlight=False, soft_wrap=True)
+    console.print(f"{EXPORTERS[format].description}: {what_to_open(folder)}", highlight=False, soft_wrap=True)
     if said is not None:
         console.print(said, highlight=False, soft_wrap=True)

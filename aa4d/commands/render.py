@@ -41,8 +41,8 @@ def render(
         names_in("aa4d.filming.layers", "NAMES", "--layers"),
         arg(
             help="What to draw. activity: how much of an anchor's aggregation weight lies on planes with time. motion: "
-            "how far an anchor is from its canonical place. speed: in metres a second. movers: each rigid group in a "
-            "colour of its own."
+            "how far an anchor is from its canonical place. speed: in meters a second. movers: each rigid group in a "
+            "color of its own."
         ),
     ] = ("color",),
     video: Annotated[bool, arg(help="Write an MP4 of each layer as well.")] = True,

@@ -8,6 +8,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from aa4d.console import console
+from aa4d.words import ANY_NUMBER
 
 
 def report(
@@ -17,7 +18,11 @@ def report(
     ],
     out: Annotated[Path | None, arg(metavar="FILE", help="The file. By default report.html in the folder.")] = None,
     captures: Annotated[
-        tuple[Path, ...], arg(help="Capture folders, where they have moved since training: for true frames.")
+        tuple[Path, ...],
+        arg(
+            help="Capture folders, where they have moved since training: for true frames.",
+            help_behavior_hint=ANY_NUMBER,
+        ),
     ] = (),
     megabytes: Annotated[
         float, arg(help="Of the file, at most: pictures are made smaller and fewer until it fits.")

@@ -104,12 +104,16 @@ def search(searches: list[Search], seed: int, seconds: float) -> bool:
     """Look for trouble, and print what is found; True where nothing is."""
     from aa4d.stress.search import search_for
 
+    def say(line: str) -> None:
+        console.print(line, highlight=False, soft_wrap=True)
+
     nothing = True
-    for finding in search_for(searches, seed, seconds, lambda line: console.print(line, highlight=False)):
-        its = finding.search
-        console.print(f"  {finding.tried} inputs, worst error {finding.worst:.1e} of {its.bound:.0e}", highlight=False)
-        if finding.example is not None:
-            nothing = False
-            what = f"  FAIL {finding.reason}\n  the smallest input found, of tests/hard_cases/searches.py: "
-            console.print(f"{what}{its.error.__name__}({finding.example!r})", highlight=False, soft_wrap=True)
+    with step_progress("seconds") as bar:
+        for finding in search_for(searches, seed, seconds, say, bar):
+            its = finding.search
+            say(f"  {finding.tried} inputs, worst error {finding.worst:.1e} of {its.bound:.0e}")
+            if finding.example is not None:
+                nothing = False
+                what = f"  FAIL {finding.reason}\n  the smallest input found, of tests/hard_cases/searches.py: "
+                say(f"{what}{its.error.__name__}({finding.example!r})")
     return nothing

@@ -9,6 +9,7 @@ from tyro.conf import Positional, arg
 
 from aa4d.commands.choices import described, name_in
 from aa4d.commands.experiment_options import Options
+from aa4d.words import ONE_OR_MORE
 
 
 def sweep(
@@ -17,7 +18,9 @@ def sweep(
         name_in("aa4d.experiments.variants", "SWEEPS", "sweep"),
         arg(help=described("aa4d.experiments.variants", "SWEEPS", "title")),
     ],
-    captures: Annotated[Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.")],
+    captures: Annotated[
+        Positional[tuple[Path, ...]], arg(help="Capture folders, made by `aa4d synth`.", help_behavior_hint=ONE_OR_MORE)
+    ],
     experiment: Options,
 ) -> None:
     """Train and score several values of a setting that the paper leaves open; stopped, the same command continues."""

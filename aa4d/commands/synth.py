@@ -10,6 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from aa4d.errors import InputError
+from aa4d.words import ONE_OR_MORE
 
 Scene = Annotated[Positional[Path], arg(metavar="SCENE", help="Scene file, for instance scenes/crossroads.toml.")]
 
@@ -56,7 +57,9 @@ def cost(scene: Scene, out: Annotated[Path, arg(help="Folder for the table and t
 
 
 def sheet(
-    scenes: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE ...", help="Scene files.")],
+    scenes: Annotated[
+        Positional[tuple[Path, ...]], arg(metavar="SCENE ...", help="Scene files.", help_behavior_hint=ONE_OR_MORE)
+    ],
     out: Annotated[Path, arg(help="Folder for the table and the contact sheet.")],
 ) -> None:
     """See and time a few frames of each scene at draft quality."""

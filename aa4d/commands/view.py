@@ -10,12 +10,17 @@ from tyro.conf import Positional, arg
 
 from aa4d.console import console
 from aa4d.errors import InputError
+from aa4d.words import ONE_OR_MORE
 
 
 def view(
     runs: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="RUN", help="Folders of runs, made by `aa4d train`; several are compared, also while they train."),
+        arg(
+            metavar="RUN",
+            help="Folders of runs, made by `aa4d train`; several are compared, also while they train.",
+            help_behavior_hint=ONE_OR_MORE,
+        ),
     ],
     capture: Annotated[
         Path | None, arg(metavar="PATH", help="Capture folder, where it has moved since training.")

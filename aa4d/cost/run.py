@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ from aa4d.graph.costs import DONE, Costs, plan
 from aa4d.graph.engines import Means, engine_of
 from aa4d.graph.scheduler import Outcome, check, run_graph
 from aa4d.graph.store import Store
-from aa4d.graph.task import Task, in_order
+from aa4d.graph.task import Task, canonical, in_order
 from aa4d.output_folder import claim_folder, index_in
 
 INDEX = "run.json"
@@ -51,7 +52,7 @@ def choose(setup: Setup, names: tuple[str, ...] | None) -> Chosen:
     """The panels of these names, or all, that can be measured here.
 
     Raises:
-        InputError: none can, or the capture cannot be read.
+        InputError: none can, the capture cannot be read, or it is named and none of them uses it.
     """
     panels = {name: panel_of(name) for name in PANELS if not names or name in names}
     reasons = {name: panel.missing(setup) for name, panel in panels.items()}
@@ -60,7 +61,17 @@ def choose(setup: Setup, names: tuple[str, ...] | None) -> Chosen:
     if not measurements:
         name, reason = next(iter(left_out.items()))
         raise InputError(f"no panel can be measured here; {name}: {reason}")
+    if setup.capture is not None and not any(uses_capture(setup, its) for its in measurements.values()):
+        raise InputError(f"--capture {setup.capture}: has no effect on {', '.join(measurements)}; leave it out")
     return Chosen(panels, measurements, left_out)
+
+
+def uses_capture(setup: Setup, measurements: tuple[Measurement, ...]) -> bool:
+    """Whether measurements, or what they need, depend on the capture that `setup` names."""
+    assert setup.capture is not None
+    digest = read_capture(setup.capture).identity.digest()
+    tasks = in_order(measurement.task for measurement in measurements)
+    return any(digest in json.dumps(canonical(task.settings)) for task in tasks)
 
 
 def show_plan(setup: Setup, names: tuple[str, ...] | None, out: Path, costs_of: tuple[Path, ...]) -> None:

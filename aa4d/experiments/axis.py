@@ -8,7 +8,7 @@ from typing import Any
 
 from aa4d.errors import InputError
 from aa4d.settings.allowed import Count
-from aa4d.settings.checking import Place, changed, describe
+from aa4d.settings.checking import Place, changed, describe, repeated
 
 Changes = Mapping[str, Any]  # of a scene file: a nested table of the keys that get another value
 
@@ -58,8 +58,8 @@ def axis_of(table: Any, place: Place) -> Axis:
         raise InputError(
             f"{place('label' if not keys.label else 'values')}: missing; say what is varied, and its values"
         )
-    if len(set(values)) < len(values):
-        raise InputError(f"{place('values')}: one of them stands there twice")
+    if (twice := repeated(values)) is not None:
+        raise InputError(f"{place('values')}: {twice}")
     if len({f"{value:g}" for value in values}) < len(values):  # as captures, rows and figures name them
         raise InputError(f"{place('values')}: two of them are alike to six digits; leave one out, or take another unit")
     if keys.log and min(values) <= 0:

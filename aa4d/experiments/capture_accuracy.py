@@ -29,6 +29,7 @@ from aa4d.graph.call import Call
 from aa4d.graph.kinds import Kind
 from aa4d.graph.task import Task, location
 from aa4d.identity import digest_of, digest_of_file
+from aa4d.words import ONE_OR_MORE
 
 MOVERS = ("off", "auto")
 
@@ -117,7 +118,10 @@ def _labels(folder: Path) -> dict[str, str]:
 
 
 def main(
-    sources: Annotated[Positional[tuple[Path, ...]], arg(help="Captures with known cameras, or folders of frames.")],
+    sources: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(help="Captures with known cameras, or folders of frames.", help_behavior_hint=ONE_OR_MORE),
+    ],
     out: Annotated[Path, arg(help="Folder for the captures and table.json.")],
     presets: tuple[str, ...] = tuple(PRESETS),
     movers: tuple[str, ...] = MOVERS,

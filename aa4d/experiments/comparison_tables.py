@@ -248,13 +248,13 @@ def _page(comparison: Comparison, means: list[Mean], pooled: list[Mean], picture
     equal = (
         f"{c['coarse_iterations']:,} + {c['fine_iterations']:,} iterations of preset `{c['preset']}`, {seeds}. Equal "
         "for all methods: frames and their split, camera poses, the point cloud that they start from, the number of "
-        "iterations, the rasteriser, the scoring. What else a method's preset says (views a step, spacing of its first "
+        "iterations, the rasterizer, the scoring. What else a method's preset says (views a step, spacing of its first "
         "units, bounds on them) is its own: `settings.toml` in each run. ± is the standard deviation over seeds; the "
         "best value of a column is bold, the second best underlined. What a capture has no truth for is blank.\n"
     )
     threads, jobs, processors = (counted(c[f"{what}s"], what) for what in ("thread", "job", "processor"))
     cost = (
-        f"FPS is of the complete pipeline (choose, deform, decode, rasterise), {threads}, one run "
+        f"FPS is of the complete pipeline (choose, deform, decode, rasterize), {threads}, one run "
         f"after the other once all were trained; minutes are of training, {jobs} at a time on "
         f"{processors}, with whatever else the machine did; processor minutes are the run's alone. "
         "Neural MiB are networks and planes, MiB the model file. Units are anchors, or free Gaussians; "

@@ -25,6 +25,7 @@ from aa4d.errors import InputError
 from aa4d.experiments.measured import markdown, read_measured, shown_keys
 from aa4d.experiments.outputs import rows_of
 from aa4d.files import write_json, write_text
+from aa4d.words import ONE_OR_MORE
 
 DOCS = Path("docs")
 FOLDER = "measured"
@@ -63,7 +64,10 @@ def render(docs: Docs = DOCS) -> None:
 
 def record(
     name: Annotated[Positional[str], arg(help="Of docs/measured/NAME.json, which has the command and the columns.")],
-    outputs: Annotated[Positional[tuple[Path, ...]], arg(help="Files that the command wrote, CSV or JSON.")],
+    outputs: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(help="Files that the command wrote, CSV or JSON.", help_behavior_hint=ONE_OR_MORE),
+    ],
     load: Annotated[str, arg(help="Load average of the machine meanwhile.")],
     machine: Annotated[str | None, arg(help="What it ran on; by default this machine.")] = None,
     docs: Docs = DOCS,

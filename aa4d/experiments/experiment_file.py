@@ -17,7 +17,7 @@ from aa4d.graph.task import Resources
 from aa4d.methods import DEFAULT, presets_of
 from aa4d.methods.settings import MotionSettings, RunSettings, with_iterations
 from aa4d.settings.allowed import Count, NameIn, Seed
-from aa4d.settings.checking import Place, changed, describe, nearest, one_of
+from aa4d.settings.checking import Place, changed, describe, nearest, one_of, repeated
 from aa4d.settings.given import Given
 from aa4d.settings.toml import read_toml
 
@@ -110,8 +110,8 @@ def read_experiment(path: Path) -> ExperimentFile:
     head = changed(Head(), table, place)
     if not head.title or not head.scenes:
         raise InputError(f"{path}: {SCENES if head.title else 'title: missing; say what is compared'}")
-    if len(set(head.seeds)) < len(head.seeds):
-        raise InputError(f"{path}: seeds: one of them stands there twice")
+    if (twice := repeated(head.seeds)) is not None:
+        raise InputError(f"{path}: seeds: {twice}")
     resolved = {name: _settings(head, name, variants[name], settings, place) for name in variants}
     turned = None if axis is None else axis_of(axis, lambda where: place(f"axis.{where}"))
     sources = tuple(_at_positions(path, _sources(path, head.scenes), scene, turned))
@@ -166,6 +166,8 @@ def _switches(modules: Any, where: str) -> dict[str, bool]:
     for module in modules:
         if module not in MODULES:
             raise InputError(f"{where}: {describe(module)} must be {one_of(MODULES, module)}")
+    if (twice := repeated(modules)) is not None:
+        raise InputError(f"{where}: {twice}")
     return {module: module in modules for module in MODULES}
 
 

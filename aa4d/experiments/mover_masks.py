@@ -27,6 +27,7 @@ from aa4d.capture.truth import instance_ids_of, moving_mask, read_array
 from aa4d.errors import InputError
 from aa4d.experiments.program import run_as_program
 from aa4d.files import make_folder, write_json
+from aa4d.words import ONE_OR_MORE
 
 EVERY = 3
 MIN_VISIBLE_PX = 20
@@ -113,7 +114,9 @@ def _clip(capture: Capture) -> Clip:
 
 
 def main(
-    captures: Annotated[Positional[tuple[Path, ...]], arg(help="Captures with true tracks.")],
+    captures: Annotated[
+        Positional[tuple[Path, ...]], arg(help="Captures with true tracks.", help_behavior_hint=ONE_OR_MORE)
+    ],
     out: Annotated[Path, arg(help="Folder for table.json.")],
 ) -> None:
     make_folder(out)

@@ -22,6 +22,7 @@ from aa4d.capture.spacing import PACE_PERCENTILE, choose_spacing
 from aa4d.capture.truth import instance_ids_of, read_array
 from aa4d.errors import InputError
 from aa4d.files import make_folder, read_json_object, write_json
+from aa4d.words import ONE_OR_MORE
 
 MIN_VISIBLE_PX = 20
 
@@ -69,7 +70,9 @@ def true_pace(capture: Capture) -> float:
 
 
 def main(
-    captures: Annotated[Positional[tuple[Path, ...]], arg(help="Captures with true tracks.")],
+    captures: Annotated[
+        Positional[tuple[Path, ...]], arg(help="Captures with true tracks.", help_behavior_hint=ONE_OR_MORE)
+    ],
     out: Annotated[Path, arg(help="Folder for table.json.")],
 ) -> None:
     make_folder(out)

@@ -27,6 +27,7 @@ from aa4d.identity import Identity, digest_of
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import MotionSettings, with_iterations
 from aa4d.training.run_folder import what_counts
+from aa4d.words import ONE_OR_MORE
 
 
 def thinned(capture: Capture, every: int) -> Capture:
@@ -75,7 +76,9 @@ def _plain(value: Any) -> Any:
 
 
 def main(
-    captures: Annotated[Positional[tuple[Path, ...]], arg(help="Captures with true tracks.")],
+    captures: Annotated[
+        Positional[tuple[Path, ...]], arg(help="Captures with true tracks.", help_behavior_hint=ONE_OR_MORE)
+    ],
     out: Annotated[Path, arg(help="Folder for the runs and table.json; stopped, the same command continues.")],
     every: Annotated[tuple[int, ...], arg(help="Keep every n-th training frame.")] = (1, 2, 3),
     iterations: Annotated[int, arg(help="Of the coarse stage.")] = PRESETS["quick"].coarse_iterations,

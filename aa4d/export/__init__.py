@@ -42,7 +42,7 @@ EXPORTERS = {
     "glb": Exporter("glTF with splats, one file a view", "aa4d.export.splat_glb", True, harmonics=True),
     "spz": Exporter("SPZ, small splats, one file a view", "aa4d.export.splat_spz", True, FORGE, harmonics=True),
     "sog": Exporter("SOG, small splats for the web, one file a view", "aa4d.export.splat_sog", False, FORGE, True),
-    "points": Exporter("point-cloud PLY with colours, one file a view", "aa4d.export.point_ply"),
+    "points": Exporter("point-cloud PLY with colors, one file a view", "aa4d.export.point_ply"),
     "usd": Exporter("moving splats in one USD file", "aa4d.export.usd_splats", True, USD, harmonics=True),
     "usd-points": Exporter("animated points in one USD file", "aa4d.export.usd_points", True, USD),
     "track": Exporter("Gaussians at key times, for the Blender extension", "aa4d.export.track", True),
@@ -96,6 +96,12 @@ def export(clip: Clip, name: str, out: Path, progress: Progress) -> str | None:
     known = replace(clip, identity=identity_of(index["identity"]), origin=geographic_origin(clip.loaded))
     said = write(known, out, progress)
     return said if clip.degree == 0 else "\n".join(filter(None, [said, _color_errors(known)]))
+
+
+def what_to_open(out: Path) -> Path:
+    """The file that an export has made, or the folder where it has made several."""
+    files = [path for path in out.iterdir() if path.name != INDEX]
+    return files[0] if len(files) == 1 else out
 
 
 def _color_errors(clip: Clip) -> str:

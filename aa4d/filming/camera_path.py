@@ -129,7 +129,7 @@ def _check_keys(value: dict[str, Any], known: frozenset[str], label: str, file: 
 
 def check_time(t: float, what: str) -> None:
     if not 0.0 <= t <= 1.0:
-        raise InputError(f"{what} is {t:g}, outside [0, 1], the time of the clip")
+        raise InputError(f"{what} must be a number from 0 to 1, the time of the clip, not {t:g}")
 
 
 def looking_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:

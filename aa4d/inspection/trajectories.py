@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from aa4d.filming.layers import group_color
 from aa4d.methods.model_file import LoadedModel
+from aa4d.words import in_figure
 
 SAMPLED_TIMES = 97  # of groups
 ANCHOR_TIMES = 25  # of anchors, each of which decodes the field
@@ -117,7 +118,7 @@ def map_figure(loaded: LoadedModel, paths: list[Trajectory]) -> Figure:
             )  # fmt: skip
         if path.name:
             x, y = path.position_m[shown[0], :2]
-            axes.annotate(path.name, (x, y), fontsize=6, xytext=(4, 4), textcoords="offset points")
+            axes.annotate(in_figure(path.name), (x, y), fontsize=6, xytext=(4, 4), textcoords="offset points")
     cameras = np.stack([np.linalg.inv(frame.viewmat)[:3, 3] for frame in loaded.frames])
     axes.plot(cameras[:, 0], cameras[:, 1], "-^", color="black", lw=0.8, ms=3, label="cameras")
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal", adjustable="datalim")

@@ -256,7 +256,7 @@ def _speed_table(rows: Sequence[Row]) -> Table:
     """Two lines for each scene, to fit a terminal of 80 columns."""
     first = rows[0]
     table = Table(
-        title=f"Native rasteriser, {first.instruction_set}, {first.threads} threads",
+        title=f"Native rasterizer, {first.instruction_set}, {first.threads} threads",
         caption="speed-up: both passes, against one thread; torch: how many times longer its reference takes",
         box=box.SIMPLE_HEAD,
         pad_edge=False,

@@ -74,7 +74,7 @@ def _load() -> Callable[..., Any]:
         return import_module("gsplat").rasterization
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "the rasteriser back end 'gsplat' needs the package gsplat, which is not installed: "
+            "the rasterizer back end 'gsplat' needs the package gsplat, which is not installed: "
             "pip install gsplat, or use backend='native'"
         ) from error
 

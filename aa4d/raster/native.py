@@ -77,7 +77,7 @@ def draw(
     )
     if frame is None:
         check_gaussians(gaussians)
-        raise AssertionError("the native rasteriser met a number that is not finite, and no tensor has one")
+        raise AssertionError("the native rasterizer met a number that is not finite, and no tensor has one")
     return frame, image
 
 

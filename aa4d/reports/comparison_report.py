@@ -83,7 +83,7 @@ def _lead(comparison: Comparison) -> str:
     return (
         f"{', '.join(counted(len(of), what) for of, what in counts)}; "
         f"{c.get('coarse_iterations')} + {c.get('fine_iterations')} iterations of preset {c.get('preset')}. Equal for "
-        "all are frames and their split, camera poses, the points that they start from, the rasteriser and the scoring."
+        "all are frames and their split, camera poses, the points that they start from, the rasterizer and the scoring."
     )
 
 

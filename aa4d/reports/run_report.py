@@ -209,5 +209,5 @@ def _identity(run: ScoredRun, made_from: dict[str, str]) -> Section:
     digests |= dict(evaluation.made_from) if evaluation is not None else {}
     digests |= made_from
     rows = [[what, digest] for what, digest in digests.items()]
-    columns = [Column("artefact", is_number=False), Column("identity (SHA-256)", is_number=False)]
+    columns = [Column("artifact", is_number=False), Column("identity (SHA-256)", is_number=False)]
     return Section("Identity", [Table(columns, rows, sorts=False)], folded=True)

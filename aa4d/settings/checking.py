@@ -105,6 +105,8 @@ class _Checker:
             isinstance(value, bool) and kind is not bool
         ):
             raise self.fail(where, f"{describe(value)} must be {expected(kind, allowed)}")
+        if kind is float and isinstance(value, float) and not math.isfinite(value):
+            raise self.fail(where, f"must be {expected(kind, allowed)}, not {value}")
         if kind in (int, float) and not _is_within(kind, value, allowed):
             raise self.fail(where, f"{_short(str(value))} is out of range; it must be {expected(kind, allowed)}")
         return float(value) if kind is float else value
@@ -164,6 +166,16 @@ def names_of(kind: Any, allowed: tuple[Any, ...]) -> tuple[str, ...] | None:
 def nearest(name: str, names: Iterable[str]) -> str | None:
     near = difflib.get_close_matches(name, list(names), n=1, cutoff=0.6)
     return near[0] if near else None
+
+
+def repeated(values: Iterable[Any]) -> str | None:
+    """What is wrong with a list that is a set, in words: an entry that stands there twice; None where all differ."""
+    seen: list[Any] = []
+    for value in values:
+        if value in seen:
+            return f"{describe(value)} stands there twice; name each once"
+        seen.append(value)
+    return None
 
 
 def one_of(names: Iterable[str], given: Any = None) -> str:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from aa4d.errors import InputError
@@ -25,8 +26,17 @@ class Finding:
     reason: str = ""
 
 
-def search_for(searches: Sequence[Search], seed: int, seconds: float, told: Callable[[str], None]) -> Iterator[Finding]:
+def search_for(
+    searches: Sequence[Search],
+    seed: int,
+    seconds: float,
+    told: Callable[[str], None],
+    progress: Callable[[int, int], None],
+) -> Iterator[Finding]:
     """Each search in its share of the time.
+
+    Args:
+        progress: is told the whole seconds that have passed, and how many there are.
 
     Raises:
         InputError: hypothesis is not installed.
@@ -35,12 +45,23 @@ def search_for(searches: Sequence[Search], seed: int, seconds: float, told: Call
         import hypothesis  # noqa: F401
     except ModuleNotFoundError:
         raise InputError('--budget: the search needs hypothesis; pip install -e ".[dev]" brings it') from None
-    for search in searches:
+    share, total = seconds / len(searches), math.ceil(seconds)
+
+    def advance(before: float, spent: float) -> None:
+        progress(int(before + spent), total)
+
+    for number, search in enumerate(searches):
         told(f"searching {search.part}: {search.name}")
-        yield run_search(search, seed, seconds / len(searches))
+        yield run_search(search, seed, share, partial(advance, number * share))
+    progress(total, total)
 
 
-def run_search(search: Search, seed: int, seconds: float) -> Finding:
+def run_search(search: Search, seed: int, seconds: float, spent: Callable[[float], None] = lambda _: None) -> Finding:
+    """Try inputs until the time is over or one breaks the bound, which is then made smaller.
+
+    Args:
+        spent: is told the seconds of its time that have passed, after each input.
+    """
     from hypothesis import HealthCheck, Phase, given, settings
     from hypothesis import seed as with_seed
     from hypothesis.errors import UnsatisfiedAssumption
@@ -51,6 +72,7 @@ def run_search(search: Search, seed: int, seconds: float) -> Finding:
     def attempt(value: Any) -> None:
         nonlocal tried, worst, failure
         tried += 1
+        spent(min(time.monotonic() - begin, seconds))
         try:
             error, reason = float(search.error(value)), ""
         except UnsatisfiedAssumption:
@@ -62,8 +84,8 @@ def run_search(search: Search, seed: int, seconds: float) -> Finding:
             raise AssertionError(reason)
         worst = max(worst, error)
 
-    end = time.monotonic() + seconds
-    while failure is None and (tried == 0 or time.monotonic() < end):
+    begin = time.monotonic()
+    while failure is None and (tried == 0 or time.monotonic() < begin + seconds):
         options = settings(
             max_examples=EXAMPLES,
             deadline=None,

@@ -100,7 +100,7 @@ def load_checkpoint(
         optimiser = make_optimiser(model, settings.rates, canonical=stage.canonical)
         moments = {key: _part(tensors, f"adam.{key}.") for key in MOMENTS}
         if iteration and not moments["step"]:
-            raise ValueError("it lacks the optimiser's moments")
+            raise ValueError("it lacks the optimizer's moments")
         load_moments(model, optimiser, moments)
         statistics = _statistics(model, _part(tensors, "statistics."))
         state = TrainingState(stage.name, iteration, spent, model, optimiser, statistics, poses, exposures)

@@ -24,7 +24,7 @@ HEIGHT_M, REACH_M = 2500.0, 40_000.0  # above every camera; wide enough for a su
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    size_m: float = key("typical distance between clouds", unit="metres", range=(10, 2000), default=80.0)
+    size_m: float = key("typical distance between clouds", unit="meters", range=(10, 2000), default=80.0)
     cover: float = key("share of the ground that is in shadow", range=(0.05, 0.95), default=0.4)
     darkness: float = key("share of the sunlight that a cloud takes", range=(0, 1), default=0.8)
     velocity_mps: tuple[float, float] = key(

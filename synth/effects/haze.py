@@ -1,4 +1,4 @@
-"""Aerial haze: what is far fades into the colour of the air (Koschmieder's law)."""
+"""Aerial haze: what is far fades into the color of the air (Koschmieder's law)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +18,7 @@ CONTRAST_AT_VISIBILITY = 0.02  # by definition of the meteorological visibility
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     visibility_m: float = key(
-        "distance at which 2 % of the contrast is left", unit="metres", range=(10, 1e6), default=600.0
+        "distance at which 2 % of the contrast is left", unit="meters", range=(10, 1e6), default=600.0
     )
     colour: tuple[float, float, float] = key(
         "light of the air", unit="linear RGB", range=(0, 10), default=(0.60, 0.66, 0.74)

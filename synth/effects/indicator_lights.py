@@ -26,7 +26,7 @@ BRAKING_MPS2 = 0.4
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    size_m: float = key("width of a lamp", unit="metres", range=(0.05, 1), default=0.3)
+    size_m: float = key("width of a lamp", unit="meters", range=(0.05, 1), default=0.3)
     strength: float = key("brightness of a lamp that is on", range=(0, 1000), default=10.0)
     blinks_hz: float = key("of the indicators", unit="1/s", range=(0.5, 5), default=1.5)
 

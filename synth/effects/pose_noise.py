@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    horizontal_m: float = key("standard deviation east and north", unit="metres", range=(0, 100), default=0.3)
-    vertical_m: float = key("standard deviation of the height", unit="metres", range=(0, 100), default=0.6)
+    horizontal_m: float = key("standard deviation east and north", unit="meters", range=(0, 100), default=0.3)
+    vertical_m: float = key("standard deviation of the height", unit="meters", range=(0, 100), default=0.6)
     attitude_deg: float = key("standard deviation about each axis", unit="degrees", range=(0, 30), default=0.1)
     correlation_s: float = key("how fast the position's error wanders", unit="seconds", range=(0, 1e5), default=30.0)
 

@@ -18,7 +18,7 @@ TRUTH = "the true poses contain it"
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    rms_m: float = key("root mean square on each axis", unit="metres", range=(0, 10), default=0.1)
+    rms_m: float = key("root mean square on each axis", unit="meters", range=(0, 10), default=0.1)
     band_hz: tuple[float, float] = key("slowest and fastest part", unit="1/s", range=(0, 20), default=(0.1, 0.5))
 
 

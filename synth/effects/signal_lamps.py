@@ -27,7 +27,7 @@ FACE_M = 0.2  # from the axis of the post to the lamps
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    radius_m: float = key("of a lamp", unit="metres", range=(0.05, 1), default=0.15)
+    radius_m: float = key("of a lamp", unit="meters", range=(0.05, 1), default=0.15)
     strength: float = key("brightness of a lamp that is on", range=(0, 1000), default=12.0)
 
 

@@ -17,7 +17,7 @@ SURFACES = ("asphalt", "patch", "marking", "iron", "pavement", "kerb")
 class Settings:
     wetness: float = key("0 is dry, 1 is soaked", range=(0, 1), default=0.8)
     puddles: float = key("share of the ground under standing water", range=(0, 1), default=0.25)
-    puddle_m: float = key("typical distance between puddles", unit="metres", range=(0.5, 100), default=6.0)
+    puddle_m: float = key("typical distance between puddles", unit="meters", range=(0.5, 100), default=6.0)
 
 
 class WetRoad(Staging):

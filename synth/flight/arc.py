@@ -24,13 +24,13 @@ def around(centre: Place, radius_m: float, altitude_m: float, angle: float) -> A
 
 @dataclass(frozen=True, kw_only=True)
 class Arc:
-    """Constant altitude and angular rate about a centre that the camera looks at."""
+    """Constant altitude and angular rate about a center that the camera looks at."""
 
     kind: Literal["arc"] = "arc"
     centre_m: Place = keys.centre()
-    radius_m: float = keys.radius("horizontal distance from the centre; 0 turns on the spot, looking straight down")
+    radius_m: float = keys.radius("horizontal distance from the center; 0 turns on the spot, looking straight down")
     altitude_m: float = keys.altitude()
-    start_deg: float = keys.angle("where the drone is at the first frame, seen from the centre")
+    start_deg: float = keys.angle("where the drone is at the first frame, seen from the center")
     sweep_deg: float = keys.angle("angle flown from the first to the last frame; may exceed 360")
 
     def camera_to_world(self, share: float) -> Array:
@@ -38,4 +38,4 @@ class Arc:
         return around(self.centre_m, self.radius_m, self.altitude_m, angle)
 
     def problem(self) -> str | None:
-        return "altitude_m: must be above the centre" if self.altitude_m <= self.centre_m[2] else None
+        return "altitude_m: must be above the center" if self.altitude_m <= self.centre_m[2] else None

@@ -20,9 +20,9 @@ class Spiral:
 
     kind: Literal["spiral"] = "spiral"
     centre_m: Place = keys.centre()
-    radius_m: tuple[float, float] = key("[first, last] horizontal distance from the centre", unit="m", range=(0, 2000))
+    radius_m: tuple[float, float] = key("[first, last] horizontal distance from the center", unit="m", range=(0, 2000))
     altitude_m: tuple[float, float] = key("[first, last] height above the ground", unit="m", range=(1, 2000))
-    start_deg: float = keys.angle("where the drone is at the first frame, seen from the centre")
+    start_deg: float = keys.angle("where the drone is at the first frame, seen from the center")
     sweep_deg: float = keys.angle("angle flown from the first to the last frame")
 
     def camera_to_world(self, share: float) -> Array:
@@ -31,4 +31,4 @@ class Spiral:
         return around(self.centre_m, r0 + (r1 - r0) * share, z0 + (z1 - z0) * share, angle)
 
     def problem(self) -> str | None:
-        return "altitude_m: must be above the centre" if min(self.altitude_m) <= self.centre_m[2] else None
+        return "altitude_m: must be above the center" if min(self.altitude_m) <= self.centre_m[2] else None

@@ -31,7 +31,7 @@ class Waypoints:
     """A curve through places with continuous acceleration; the time between two of them is as their distance."""
 
     kind: Literal["waypoints"] = "waypoints"
-    points_m: tuple[Place, ...] = keys.place("two places or more, successive ones at least a metre apart")
+    points_m: tuple[Place, ...] = keys.place("two places or more, successive ones at least a meter apart")
     target_m: Place | None = keys.place("what it looks at; without it the view follows the curve", None)
     yaw_deg: float | None = keys.angle(
         "with a target: the heading that is up at nadir, for curves that pass above it; default: a level horizon", None
@@ -68,7 +68,7 @@ class Waypoints:
         if len(points) < 2:
             return "points_m: needs two places or more"
         if np.linalg.norm(np.diff(points, axis=0), axis=1).min() < 1:
-            return "points_m: successive places must be at least a metre apart"
+            return "points_m: successive places must be at least a meter apart"
         if points[:, 2].min() < 1:
             return "points_m: must be above the ground, the third number is the altitude"
         if self.target_m is not None and self.target_m[2] >= points[:, 2].min():

@@ -9,17 +9,17 @@ from synth.checking import key
 class Sizes:
     """What every street has."""
 
-    arm_m: float = key("how far lanes, markings and parked cars reach from the centre", unit="m", range=(30, 1000),
+    arm_m: float = key("how far lanes, markings and parked cars reach from the center", unit="m", range=(30, 1000),
                        default=150.0)  # fmt: skip
     lane_width_m: float = key("width of one lane", unit="m", range=(2.5, 5), default=3.2)
-    pavement_width_m: float = key("width of the pavement behind the kerb", unit="m", range=(1.5, 10), default=3.2)
+    pavement_width_m: float = key("width of the pavement behind the curb", unit="m", range=(1.5, 10), default=3.2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParkingStrip:
-    """Parking along the kerbs."""
+    """Parking along the curbs."""
 
-    parking_width_m: float = key("width of the parking strip between lane and kerb; 0: none", unit="m", range=(0, 4),
+    parking_width_m: float = key("width of the parking strip between lane and curb; 0: none", unit="m", range=(0, 4),
                                  default=2.1)  # fmt: skip
 
 
@@ -33,6 +33,6 @@ class CycleLanes:
 
 @dataclass(frozen=True, kw_only=True)
 class Corners:
-    """Rounded kerbs where streets meet."""
+    """Rounded curbs where streets meet."""
 
-    corner_radius_m: float = key("radius of the kerb at the corners", unit="m", range=(2, 15), default=3.5)
+    corner_radius_m: float = key("radius of the curb at the corners", unit="m", range=(2, 15), default=3.5)

@@ -8,7 +8,7 @@ from synth.city.mesh import Mesh, circle
 from synth.streets.arms import Arm, Junction, network
 from synth.streets.ground import KERB_M, Ground, arm_paint, junction_ground
 from synth.streets.keys import CycleLanes, ParkingStrip, Sizes
-from synth.traffic.network import Network
+from synth.traffic.network import RUN_UP_M, Network
 
 PARAPET_M = 0.9
 SLAB_M = 1.1
@@ -54,7 +54,7 @@ class Overpass(CycleLanes, ParkingStrip, Sizes):
 
     def _viaduct(self, deck: float, street: float) -> Mesh:
         """The slab, its parapets and median, and columns beside the street below."""
-        mesh, top, end = Mesh(), self.height_m, self.arm_m + 60.0
+        mesh, top, end = Mesh(), self.height_m, self.arm_m + RUN_UP_M
         mesh.polygon([(-deck, -end, top), (deck, -end, top), (deck, end, top), (-deck, end, top)], "asphalt")
         low = top - SLAB_M
         mesh.polygon([(-deck, end, low), (deck, end, low), (deck, -end, low), (-deck, -end, low)], "concrete")

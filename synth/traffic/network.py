@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Group = str  # of signal lights: "east_west" or "north_south"
 
 KERB_HEIGHT_M = 0.12
+RUN_UP_M = 60.0  # roads go on behind the ends of their lanes; the deck of an overpass so far and no farther
 SAMPLE_M = 0.4
 CLEAR_M = 2.5  # centre lines nearer than this: two vehicles of usual width would touch, or nearly
 LONGEST = BODIES["bus"]

@@ -9,7 +9,7 @@ from synth.errors import InputError
 from synth.seeds import generator
 from synth.traffic.actors import Car, Wait, Walker
 from synth.traffic.fleet import BODIES, Kind, Paint, paints
-from synth.traffic.network import Network
+from synth.traffic.network import RUN_UP_M, Network
 from synth.traffic.paths import Path, Shift, rounded
 from synth.traffic.settings import Flow, Parking, Pedestrians, Traffic, Vehicle
 from synth.traffic.simulation import STOP_GAP_M, park_at
@@ -113,7 +113,14 @@ def _placed(network: Network, vehicle: Vehicle, index: int) -> Car:
         raise InputError(f"vehicles[{index}].route: {vehicle.route!r} must be one of {', '.join(movements)}.")
     half = 0.5 * BODIES[vehicle.kind].length_m
     car = Car(index, vehicle.kind, half, vehicle.cruise_mps, network, network.full(vehicle.route))
-    car.position = network.stop_line_m(vehicle.route) + vehicle.position_m - half
+    line = network.stop_line_m(vehicle.route)
+    first, last = math.ceil(-RUN_UP_M - line), math.floor(car.starts[-1] + RUN_UP_M - line)
+    if not first <= vehicle.position_m <= last:
+        raise InputError(
+            f"vehicles[{index}].position_m: {vehicle.position_m:g} is off the road of {vehicle.route}; it must be a "
+            f"number from {first} to {last}, or street.arm_m longer."
+        )
+    car.position = line + vehicle.position_m - half
     car.speed, car.through = vehicle.speed_mps, True
     return car
 

@@ -40,7 +40,7 @@ class TrackTable:
     file: str = key("the table, relative to the scene file: .csv, or SUMO's .xml")
     format: Literal["sumo", "metres"] = key(
         '"sumo": floating car data, the position of the front bumper\'s middle, angle clockwise from north; "metres": '
-        "CSV with the columns id, time_s, x_m, y_m (centre of the footprint) and optionally heading_deg "
+        "CSV with the columns id, time_s, x_m, y_m (center of the footprint) and optionally heading_deg "
         "(counter-clockwise from east), kind"
     )
     types: str | None = key(

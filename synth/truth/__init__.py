@@ -1,7 +1,7 @@
 """Ground truth: arrays in, arrays out. docs/truth.md defines every pass."""
 
 PASSES = {
-    "depth_z": "planar depth in metres (always written: the point cloud is made from it)",
+    "depth_z": "planar depth in meters (always written: the point cloud is made from it)",
     "instance_id": "whose pixel it is (always written)",
     "normal": "unit surface normals in world axes, facing the camera",
     "class_id": "what kind of thing each pixel shows",

@@ -435,10 +435,10 @@ def test_a_full_disk_is_told_and_leaves_no_capture(tmp_path: Path) -> None:
     ("arguments", "says"),
     [
         (["--rate", "0"], "--rate: 0.0 is out of range; it must be a number from 0.001 to 1000000"),
-        (["--rate", "nan"], "--rate: nan is out of range"),
-        (["--rate", "inf"], "--rate: inf is out of range"),
+        (["--rate", "nan"], "--rate: must be a number from 0.001 to 1000000, not nan"),
+        (["--rate", "inf"], "--rate: must be a number from 0.001 to 1000000, not inf"),
         (["--start", "5", "--end", "3"], "--start, --end: the end, 3 s, must lie after the start, 5 s"),
-        (["--end", "inf"], "--end: inf is out of range; it must be a number from 0 to 1000000000"),
+        (["--end", "inf"], "--end: must be a number from 0 to 1000000000, not inf"),
         (["--max-frames", "1"], "--max-frames: 1 is out of range; it must be a whole number from 3"),
         (["--altitude", "-3"], "--altitude: -3.0 is out of range"),
         (

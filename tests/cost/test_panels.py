@@ -10,6 +10,7 @@ import pytest
 
 from aa4d.capture.reader import read_capture, read_image
 from aa4d.capture.truth import moving_mask
+from aa4d.cost import PANELS, panel_of
 from aa4d.cost.inputs import source_of
 from aa4d.cost.panel import SIZES, Measurement, Point, Setup
 from aa4d.cost.panels import (
@@ -23,7 +24,9 @@ from aa4d.cost.panels import (
     training_threads,
 )
 from aa4d.cost.rows import points_of
+from aa4d.cost.run import choose, uses_capture
 from aa4d.cost.scaled import write_scaled
+from aa4d.errors import InputError
 from aa4d.graph.engines import Means, engine_of
 from aa4d.graph.scheduler import run_graph
 from aa4d.graph.store import Store
@@ -64,6 +67,14 @@ def test_a_training_is_one_task_however_many_panels_ask_for_it(toy: Setup) -> No
     scale = {m.task.needs[0].digest for m in training_scale.measurements(toy)}
     quantised = export_quantisation.measurements(toy)[0].task.needs[0].digest
     assert quantised in scale
+
+
+def test_a_capture_that_no_chosen_panel_measures_on_is_refused(toy: Setup) -> None:
+    with pytest.raises(InputError, match=r"--capture .*: has no effect on raster-precision.*; leave it out"):
+        choose(toy, ("raster-precision", "synthesis-traffic"))
+    assert "raster-precision" in choose(toy, ("raster-precision", "training-offsets")).panels
+    using = {name for name in PANELS if uses_capture(toy, panel_of(name).measurements(toy))}
+    assert using == {name for name in PANELS if not name.startswith(("synthesis-", "raster-", "network-"))}
 
 
 def test_image_scale_and_quantisation_are_measured_on_a_toy(toy: Setup, tmp_path: Path) -> None:

@@ -169,7 +169,7 @@ def test_scores_are_drawn_in_the_order_of_the_knob(tmp_path: Path) -> None:
         (("label", "lable"), "axis.lable: unknown key; did you mean label?"),
         (('label = "frames per second"\n', ""), "axis.label: missing; say what is varied, and its values"),
         (("values = [12, 24]\n", ""), "axis.values: missing; say what is varied, and its values"),
-        (("[12, 24]\n[axis", "[12, 12]\n[axis"), "axis.values: one of them stands there twice"),
+        (("[12, 24]\n[axis", "[12, 12]\n[axis"), "axis.values: the number 12.0 stands there twice; name each once"),
         (("[12, 24]\n[axis", "[12, 12.0000001]\n[axis"), "axis.values: two of them are alike to six digits"),
         (("[12, 24]\n[axis", "[0, 24]\nlog = true\n[axis"), "axis.log: 0 has no logarithm"),
         (

@@ -10,7 +10,7 @@ import pytest
 from plyfile import PlyData
 
 from aa4d.errors import InputError
-from aa4d.export import EXPORTERS, export
+from aa4d.export import EXPORTERS, export, what_to_open
 from aa4d.export.clip import (
     Clip,
 )
@@ -65,6 +65,16 @@ def test_where_on_earth_it_is_goes_along_while_the_capture_knows(toy_run: Path, 
     (capture / "capture.json").unlink()
     assert geographic_origin(loaded) is None
     export(clip, "ply", tmp_path / "ply", silent)  # goes on all the same
+
+
+@pytest.mark.parametrize(("name", "opens"), [("html", "scene.html"), ("track", "track.safetensors"), ("points", "")])
+def test_what_is_said_to_be_opened_is_the_file_where_there_is_one(
+    clip: Clip, tmp_path: Path, name: str, opens: str
+) -> None:
+    out = tmp_path / "out"
+    export(clip, name, out, silent)
+    assert what_to_open(out) == out / opens
+    assert what_to_open(out).exists()
 
 
 def test_another_export_or_folder_is_not_written_into(clip: Clip, tmp_path: Path) -> None:

@@ -246,6 +246,70 @@ def test_it_plays_at_the_speed_that_is_chosen_and_steps(seen: Watched, clip: Cli
     page.keyboard.press("Escape")
 
 
+def test_the_bar_hides_after_a_click_and_stays_for_a_keyboard(seen: Watched) -> None:
+    page = seen.page
+    page.evaluate(
+        "for (const e of document.querySelectorAll('#bar, #title')) e.style.opacity = ''"
+    )  # as `shot` left it
+    page.locator("#play").click()
+    page.mouse.move(WINDOW[0] / 2, 20)
+    hidden = "() => getComputedStyle(document.getElementById('bar')).opacity === '0'"
+    page.wait_for_function(hidden)
+    page.keyboard.press("Tab")
+    page.keyboard.press("Tab")
+    page.wait_for_function("() => document.activeElement.closest('#bar')")
+    page.wait_for_function("() => document.body.classList.contains('idle')")
+    assert not page.evaluate(hidden)
+    page.locator("#play").click()
+    page.evaluate("document.activeElement.blur()")
+
+
+def test_whoever_has_the_focus_of_a_keyboard_shows_it(seen: Watched) -> None:
+    page, rings = seen.page, {}
+    page.locator("#picture").focus()
+    for _ in range(8):
+        page.keyboard.press("Tab")
+        focused = page.evaluate(
+            "() => { const e = document.activeElement, s = getComputedStyle(e); return [e.id, s.outlineStyle]; }"
+        )
+        rings[focused[0]] = focused[1]
+    assert {"picture", "play", "time", "speed", "fly", "help"} <= rings.keys()
+    assert all(style != "none" for name, style in rings.items() if name)
+    page.evaluate("document.activeElement.blur()")
+
+
+def test_time_stands_while_nobody_sees_the_page(seen: Watched) -> None:
+    told(seen.page, "(player) => player.seek(0)")
+    passed = seen.page.evaluate("""async () => {
+        const player = await window.player;
+        player.play();
+        await new Promise(requestAnimationFrame);
+        player.last -= 1e6; // what a browser calls again only now
+        document.dispatchEvent(new Event("visibilitychange"));
+        await new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)));
+        const { seconds } = player;
+        player.play(false);
+        return seconds;
+    }""")
+    assert 0 <= passed < 0.9 * told(seen.page, "(player) => player.length")
+
+
+def test_slow_pictures_get_coarser_however_slow_they_are(seen: Watched) -> None:
+    scale = seen.page.evaluate("""async () => {
+        const player = await window.player, { draw } = player.painter;
+        const late = (ms) => { const end = performance.now() + ms; while (performance.now() < end); };
+        player.painter.draw = function (view) { late(250); return draw.call(this, view); };
+        const first = player.pictures;
+        player.scale = 1;
+        player.play();
+        while (player.pictures < first + 6) await new Promise(requestAnimationFrame);
+        delete player.painter.draw;
+        player.play(false);
+        return player.scale;
+    }""")
+    assert scale < 0.9
+
+
 def test_it_is_quiet_and_asks_for_nothing(seen: Watched) -> None:
     """Last of those that share the page: nothing that they did was an error, or went to a network, or ran a name."""
     assert [e for e in seen.errors if "GPU stall due to ReadPixels" not in e] == []
@@ -266,6 +330,16 @@ def test_a_browser_without_webgl_draws_it_all_the_same(page_file: Path, browser:
         assert told(seen.page, "(player) => player.painter.name") == "the processor"
         expected = draw(clip.loaded, clip.path.views[0], clip.path.camera, ["color"]).color
         assert decibels(shot(seen.page), expected) > 40
+
+
+def test_without_scripts_the_page_says_so_and_nothing_else(page_file: Path, browser: Browser) -> None:
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(page_file.as_uri())
+    words = page.locator("body").inner_text()
+    assert "which is switched off here" in words
+    assert "Opening" not in words
+    context.close()
 
 
 @pytest.mark.parametrize(("init", "words"), [

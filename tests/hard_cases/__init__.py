@@ -11,7 +11,7 @@ for room in ("raster", "addon"):
 PARTS = {
     "traffic": "Traffic and car following",
     "flight": "Flight",
-    "raster": "Projection and rasteriser",
+    "raster": "Projection and rasterizer",
     "plane_lookup": "Plane look-up and its penalty",
     "acfa": "ACFA",
     "arithmetic": "Networks in bfloat16",
@@ -20,7 +20,7 @@ PARTS = {
     "anchors": "Anchors and their decoding",
     "groups": "Rigid groups and tracks",
     "losses": "Losses and metrics",
-    "optimiser": "Optimiser, rates and learned poses",
+    "optimiser": "Optimizer, rates and learned poses",
     "densification": "Growing and pruning",
     "checkpoints": "Checkpoints and tracks of a run",
     "sfm": "Structure from motion",

@@ -9,7 +9,7 @@ import pytest
 from aa4d.stress.cases import HardCase, Part, Search
 from aa4d.stress.page import as_markdown, row, summary
 from aa4d.stress.runner import run_case, run_cases
-from aa4d.stress.search import run_search
+from aa4d.stress.search import run_search, search_for
 
 
 def case(error: float | Exception, bound: float = 1e-6) -> HardCase:
@@ -63,3 +63,14 @@ def test_the_search_shrinks_what_it_finds_and_stays_quiet_where_nothing_is() -> 
     raised = run_search(Search("p", "n", lambda: st.integers(0, 10), 0.0, lambda x: 1 / (x - x)), 0, 1.0)
     assert raised.example == 0
     assert "ZeroDivisionError" in raised.reason
+
+
+def test_the_search_tells_how_much_of_its_time_is_over() -> None:
+    st = pytest.importorskip("hypothesis.strategies")
+    quiet = [Search("p", name, lambda: st.integers(0, 10), 0.0, lambda _: 0.0) for name in ("a", "b")]
+    told: list[tuple[int, int]] = []
+    assert len(list(search_for(quiet, 0, 2.4, lambda _: None, lambda *step: told.append(step)))) == 2
+    assert {total for _, total in told} == {3}
+    passed = [done for done, _ in told]
+    assert passed == sorted(passed)
+    assert set(passed) == {0, 1, 2, 3}

@@ -223,11 +223,11 @@ def test_horizon_in_view_stays_finite() -> None:
     [
         (
             Arc(radius_m=10.0, altitude_m=5.0, centre_m=(0.0, 0.0, 6.0), start_deg=0.0, sweep_deg=1.0),
-            "above the centre",
+            "above the center",
         ),
         (Line(from_m=(0.0, 0.0, 0.0), to_m=(1.0, 0.0, 5.0)), "above the ground"),
         (Waypoints(points_m=((0.0, 0.0, 9.0),)), "two places"),
-        (Waypoints(points_m=((0.0, 0.0, 9.0), (0.0, 0.1, 9.0))), "a metre apart"),
+        (Waypoints(points_m=((0.0, 0.0, 9.0), (0.0, 0.1, 9.0))), "a meter apart"),
     ],
 )
 def test_impossible_flights_say_why(flight: object, words: str) -> None:

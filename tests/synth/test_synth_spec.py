@@ -88,6 +88,16 @@ def test_list_of_wrong_length_is_refused(table: dict[str, Any]) -> None:
     assert "flight.centre_m" in refusal(table)
 
 
+@pytest.mark.parametrize(("key", "names"), [("truth.passes", ["flow", "depth_z", "flow"]), ("exports", ["mot", "mot"])])
+def test_names_given_twice_are_refused(table: dict[str, Any], key: str, names: list[str]) -> None:
+    inner = table
+    *sections, last = key.split(".")
+    for section in sections:
+        inner = inner.setdefault(section, {})
+    inner[last] = names
+    assert f"{key}: {names[-1]!r} is given twice; give each once." in refusal(table)
+
+
 def test_corner_given_twice_is_refused(table: dict[str, Any]) -> None:
     table["blocks"][1]["corner"] = table["blocks"][0]["corner"]
     assert "twice" in refusal(table)
@@ -96,7 +106,9 @@ def test_corner_given_twice_is_refused(table: dict[str, Any]) -> None:
 @pytest.mark.parametrize("value", [float("-inf"), float("nan")])
 def test_values_without_a_range_must_be_finite_too(table: dict[str, Any], value: float) -> None:
     table["signal"]["east_west_green_s"] = [[value, 2.0]]
-    assert "signal.east_west_green_s" in refusal(table)
+    message = refusal(table)
+    assert "signal.east_west_green_s" in message
+    assert f"must be a number, not {value}" in message
 
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 5000, f"a = {'9' * 5000}"])
@@ -185,7 +197,7 @@ def test_unknown_kind_names_the_kinds(table: dict[str, Any]) -> None:
 
 def test_flight_below_what_it_looks_at_is_refused(table: dict[str, Any]) -> None:
     table["flight"]["centre_m"] = [0, 0, 40]
-    assert "above the centre" in refusal(table)
+    assert "above the center" in refusal(table)
 
 
 def test_lights_where_there_are_none_are_refused(table: dict[str, Any]) -> None:

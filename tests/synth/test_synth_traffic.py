@@ -15,7 +15,7 @@ from synth.streets.crossroads import Crossroads
 from synth.traffic.fleet import BODIES
 from synth.traffic.following import ballistic, idm_acceleration, within_gap
 from synth.traffic.instances import Fleet, Instance, Standing, amend, overlapping, overlaps
-from synth.traffic.network import Network, joints
+from synth.traffic.network import RUN_UP_M, Network, joints
 from synth.traffic.population import Amends, Parked, populate
 from synth.traffic.simulation import Drives, simulate
 
@@ -197,6 +197,22 @@ def test_halving_the_step_halves_the_error() -> None:
 
 
 # Right of way, lane changes, parking, people.
+
+
+@pytest.mark.parametrize("route", ["west-east", "west-north"])
+def test_a_vehicle_starts_on_its_road_up_to_both_of_its_ends(route: str) -> None:
+    length, line = NETWORK.route_path(route).length_m, NETWORK.stop_line_m(route)
+    first, last = math.ceil(-RUN_UP_M - line), math.floor(length + RUN_UP_M - line)
+    for position in (first, last):
+        drives = drive(Vehicle(route=route, position_m=position, speed_mps=0.0), until=0.1)
+        assert abs(drives.poses(0.0)[0]).max() < STREET.arm_m + RUN_UP_M + BODIES["saloon"].length_m
+    for position in (-2000.0, first - 1.0, last + 1.0):
+        with pytest.raises(InputError) as refused:
+            drive(Vehicle(route=route, position_m=position, speed_mps=0.0))
+        assert str(refused.value).startswith(
+            f"vehicles[0].position_m: {position:g} is off the road of {route}; it must"
+        )
+        assert f"from {first} to {last}" in str(refused.value)
 
 
 def test_who_turns_left_gives_way() -> None:

@@ -107,7 +107,7 @@ def test_optimiser_state_and_statistics_of_another_kind_are_refused(
         (lambda _, t: t.update({"adam.step.anchors.feature": torch.tensor(-1.0)}), "are negative"),
         (lambda _, t: t["adam.exp_avg_sq.anchors.feature"].sub_(1), "are negative"),
         (lambda _, t: t.pop("adam.exp_avg.anchors.feature"), "it lacks 'anchors.feature'"),
-        (lambda _, t: [t.pop(name) for name in of_kind(t, "adam.")], "it lacks the optimiser's moments"),
+        (lambda _, t: [t.pop(name) for name in of_kind(t, "adam.")], "it lacks the optimizer's moments"),
         (lambda _, t: t.update({"adam.step.nobody": torch.tensor(1.0)}), "moments of nobody, which does not learn"),
         (lambda _, t: t.pop("statistics.drawn"), "it lacks 'drawn'"),
         (lambda _, t: t.update({"statistics.more": torch.zeros(1)}), "argument 'more'"),

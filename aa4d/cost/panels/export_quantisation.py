@@ -79,11 +79,11 @@ def points(result: dict[str, Any]) -> list[Point]:
 
 
 def measurements(setup: Setup) -> tuple[Measurement, ...]:
-    return (Measurement(cost_task(__name__, "quantisation", {}, (usual_run(setup),), seconds=10), points),)
+    return (Measurement(cost_task(__name__, "quantization", {}, (usual_run(setup),), seconds=10), points),)
 
 
 PANEL = Panel(
-    title="Export: quantisation",
+    title="Export: quantization",
     varied="The steps that `aa4d export --format html` rounds to, in times those of the format, which is the default.",
     measured=f"Rounding, packing and deflating {VIEWS} keys of the trained model; PSNR of the pictures drawn from what "
     "is left against those drawn from all digits.",

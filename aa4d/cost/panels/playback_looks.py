@@ -39,7 +39,7 @@ PANEL = Panel(
     "as they are or with Trained Picture.",
     measured="Held-out frames rendered by Cycles, against those that evaluation drew; the processor's time alone.",
     per="frame",
-    quality=Quality("PSNR against our rasteriser", "dB", 1),
+    quality=Quality("PSNR against our rasterizer", "dB", 1),
     measurements=measurements,
     missing=missing,
 )

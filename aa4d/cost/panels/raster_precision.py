@@ -35,12 +35,12 @@ def points(result: dict[str, Any]) -> list[Point]:
 
 
 def measurements(setup: Setup) -> tuple[Measurement, ...]:
-    task = cost_task(__name__, "rasteriser precision", {"repeats": setup.size.repeats}, seconds=5)
+    task = cost_task(__name__, "rasterizer precision", {"repeats": setup.size.repeats}, seconds=5)
     return (Measurement(task, points),)
 
 
 PANEL = Panel(
-    title="Rasteriser: precision",
+    title="Rasterizer: precision",
     varied="Where contributions are cut off: alpha and transmittance; by default `fast`.",
     measured="10,000 random Gaussians at 480x270 for the time, 2,000 at 160x90 for the error against float64.",
     per="picture, forward and backward",

@@ -119,7 +119,8 @@ class Player {
   // How long pictures take decides on how many pixels they have while something moves.
   #count(now) {
     this.pictures++;
-    const took = Math.min(now - this.shownAt, 500), moves = now - this.moved <= REST_MS, goesOn = moves && this.moves;
+    const took = Math.min(now - this.shownAt, 500), moves = this.playing || now - this.moved <= REST_MS;
+    const goesOn = moves && this.moves;
     this.shownAt = now;
     this.moves = moves; // the first picture after a rest says nothing of what pictures take
     if (!goesOn) return;
@@ -226,9 +227,12 @@ class Player {
       + `${header.t.length} times; ${header.generator}; drawn by ${this.painter.name}.`
       + (header.origin ? ` Filmed around ${header.origin.latitude_deg.toFixed(5)}, ${header.origin.longitude_deg.toFixed(5)}.` : "");
     addEventListener("keydown", (event) => this.#key(event));
+    // What a pointer has pressed neither keeps the bar in sight nor has a ring, as the focus of a keyboard does.
+    addEventListener("pointerup", () => document.activeElement.blur());
     const touched = () => this.#busy();
     addEventListener("pointermove", touched);
     addEventListener("focusin", touched);
+    document.addEventListener("visibilitychange", () => (this.last = null)); // time stands while nobody sees it
     listenTo(this.canvas, {
       orbit: (around, over) => this.#orbit(around, over),
       pan: (right, down) => this.#pan(right, down),
@@ -257,6 +261,7 @@ class Player {
     const place = SPEEDS.indexOf(this.speed) + by;
     this.speed = SPEEDS[around ? place % SPEEDS.length : Math.min(Math.max(place, 0), SPEEDS.length - 1)];
     element("speed").textContent = `${this.speed}×`;
+    element("speed").setAttribute("aria-label", `Speed ${this.speed}×`);
   }
 
   #step(frames) {
@@ -308,6 +313,7 @@ function say(text) {
   element("message").hidden = false;
 }
 
+element("loading").textContent = "Opening the scene …"; // by the script, so that it does not stand where none runs
 window.player = (async () => {
   if (!("DecompressionStream" in window)) {
     throw say("This browser is too old to open the scene. Chrome 103, Firefox 113, Safari 16.4 or later can.");

@@ -61,7 +61,7 @@ class ModelConfig:
     spatial_resolutions: tuple[Width, ...] = (64, 128)  # [4D-GS] cells a side, one a level
     temporal_resolution: Width | None = None  # rows along t; None: by the number of frames
     dlgd: bool = True  # off: offsets and scales do not deform
-    dacw: bool = True  # off: the planes are queried at linearly normalised coordinates
+    dacw: bool = True  # off: the planes are queried at linearly normalized coordinates
     bins: Annotated[int, Range(1, 4096)] = 64  # [paper] of DACW
     weight_hidden: Width = 256  # [paper] of Phi_w
     geometry_hidden: Width = 128  # [paper] of Phi_o, Phi_s

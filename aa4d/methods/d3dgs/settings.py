@@ -33,7 +33,7 @@ class Growth(CloneAndSplit):
     """3DGS's, with a bound on scales once opacities were reset."""
 
     absolute: bool = True  # [D3DGS main] judge by the gradient whose pixels' shares are summed without their signs
-    gradient_threshold: Positive = 7e-4  # [D3DGS main] of the screen-space gradient, normalised device units
+    gradient_threshold: Positive = 7e-4  # [D3DGS main] of the screen-space gradient, normalized device units
     largest_scale: Positive = 0.1  # [D3DGS] above which a Gaussian goes, once opacities were reset
     reset_every: Iterations = 3000  # [D3DGS] iterations after which opacities are lowered to 0.01; 0: never
 

@@ -61,7 +61,7 @@ class ModelConfig:
     spatial_resolutions: tuple[Width, ...] = (32, 64)  # [MoDec-GS] cells a side of a window's planes, one a level
     temporal_resolution: Width = 10  # [MoDec-GS] rows along a window's time
     width: Width = 128  # [MoDec-GS] of encoder and heads
-    decay_strength: Positive = 1.5  # [chosen] lambda_decay: a neighbour's key frame starts with a weight of 0.22
+    decay_strength: Positive = 1.5  # [chosen] lambda_decay: a neighbor's key frame starts with a weight of 0.22
 
 
 @dataclass(frozen=True, kw_only=True)
