@@ -31,7 +31,7 @@ class Render(NamedTuple):
     """How the pictures of one row are rendered."""
 
     look: str
-    samples: int  # of each pixel: a few for what is sorted, many for what is drawn by chance
+    samples: int  # of each pixel: one where nothing is left to chance, a few for ellipsoids, many for splats
     trained_picture: bool
     seen_from: str = "CAPTURE"  # or FROZEN, at the mean of the capture's cameras
     harmonics: int = 0  # degree
@@ -39,7 +39,7 @@ class Render(NamedTuple):
 
 RENDERS = (
     Render("Gaussians", 4, False),
-    Render("Gaussians", 4, True),
+    Render("Gaussians", 1, True),
     Render("Native Splats", 4, False),
     Render("Native Splats", 4, True),
     Render("Native Splats", 64, False),

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import bpy
 
-from . import harmonics, materials, modifiers, names
+from . import harmonics, materials, modifiers, names, projected
 from .node_tree import Tree, socket, versioned_group
 from .source import MODEL
 
-NAME, VERSION = "AdaAnchor4D Look", 8
+NAME, VERSION = "AdaAnchor4D Look", 9
 # From 5.3 on Blender draws Gaussians itself. Files go from one Blender to another: the group of one that knows the look
 # is not taken for that of one that does not.
 SPLATS_KNOWN = hasattr(bpy.types, "GeometryNodePointsSetType")
@@ -72,6 +72,7 @@ SPLAT_TYPE = "3D Gaussian Splat"
 # Turns of the axes, w x y z: the first brings x to y to z to x, the second goes back.
 TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5))
 NO_LIMIT_M = 1e6
+USUAL_OPACITY = 0.05  # fainter points hardly show, and cost as much as others
 
 
 def look_group() -> bpy.types.NodeTree:
@@ -91,7 +92,7 @@ def look_group() -> bpy.types.NodeTree:
     looks = {
         materials.POINTS: _points(tree, geometry, shown),
         materials.DISCS: _discs(tree, geometry, shown),
-        materials.GAUSSIANS: _gaussians(tree, geometry, shown),
+        materials.GAUSSIANS: _gaussians(tree, geometry, shown, trained),
     }
     if SPLATS_KNOWN:
         # Nodes of its own that another Blender does not know make nothing there: then Gaussians stand in.
@@ -145,19 +146,13 @@ def _softened(tree: Tree) -> Any:
     `SOFTNESS` is the standard deviation of what it adds, as a share of the depth from the active camera; without one
     nothing is added.
     """
-    camera = tree.group.nodes.new("GeometryNodeInputActiveCamera").outputs[0]
-    info = tree.node("GeometryNodeObjectInfo", {"Object": camera}, transform_space="RELATIVE")
-    inverse = tree.node("FunctionNodeInvertMatrix", {"Matrix": socket(info.outputs, "Transform")})
-    position = tree.group.nodes.new("GeometryNodeInputPosition").outputs[0]
-    seen = tree.node("FunctionNodeTransformPoint", {"Vector": position, "Transform": inverse.outputs["Matrix"]})
-    backwards = tree.node("ShaderNodeSeparateXYZ", {"Vector": seen.outputs[0]}).outputs[2]
+    view = projected.active_view(tree)
+    backwards = tree.node("ShaderNodeSeparateXYZ", {"Vector": view.place}).outputs[2]
     depth = tree.math("MAXIMUM", tree.math("MULTIPLY", backwards, -1.0), 0.0)
     added = tree.math("POWER", tree.math("MULTIPLY", depth, tree.input(SOFTNESS)), 2.0)
     scale = tree.named(names.SCALE.name, names.SCALE.type)
     wider = tree.vector("POWER", tree.vector("ADD", tree.vector("MULTIPLY", scale, scale), added), (0.5, 0.5, 0.5))
-    # Without a camera the node gives a place that no camera has: the object's own origin.
-    there = tree.compare(tree.vector("LENGTH", socket(info.outputs, "Location")), "GREATER_THAN", 0.0)
-    soft = tree.logic("AND", there, tree.compare(tree.input(SOFTNESS), "GREATER_THAN", 0.0))
+    soft = tree.logic("AND", view.there, tree.compare(tree.input(SOFTNESS), "GREATER_THAN", 0.0))
     return tree.vector("SCALE", tree.switch("VECTOR", soft, scale, wider), tree.input(SIZE))
 
 
@@ -206,7 +201,7 @@ def _make_inputs(tree: Tree) -> None:
         MINIMUM_OPACITY,
         "Float",
         "Points less opaque than this are not drawn",
-        default_value=0.05,
+        default_value=USUAL_OPACITY,
         min_value=0.0,
         max_value=1.0,
     )
@@ -411,12 +406,18 @@ def _discs(tree: Tree, geometry: Any, shown: Any) -> Any:
     return _instances(tree, geometry, shown, _with_material(tree, disc, materials.DISCS), turned, size)
 
 
-def _gaussians(tree: Tree, geometry: Any, shown: Any) -> Any:
-    """Every vertex as an ellipsoid with the scale and rotation of its Gaussian."""
+def _gaussians(tree: Tree, geometry: Any, shown: Any, trained: Any) -> Any:
+    """Every vertex as an ellipsoid with the scale and rotation of its Gaussian.
+
+    Where the `trained` picture is wanted and there is a camera, as the rasteriser draws it instead.
+    """
     sphere = tree.node("GeometryNodeMeshIcoSphere", {"Radius": materials.GAUSSIAN_SIGMAS, "Subdivisions": 2}).outputs[0]
     rotation = tree.named(names.ROTATION.name, "QUATERNION")
     shape = _with_material(tree, sphere, materials.GAUSSIANS)
-    return _instances(tree, geometry, shown, shape, rotation, _softened(tree))
+    ellipsoids = _instances(tree, geometry, shown, shape, rotation, _softened(tree))
+    view = projected.active_view(tree)
+    discs = projected.discs(tree, geometry, shown, view, tree.input(SOFTNESS), tree.input(SIZE))
+    return tree.switch("GEOMETRY", tree.logic("AND", trained, view.there), ellipsoids, discs)
 
 
 def harmonics_shown(obj: bpy.types.Object, look: bpy.types.Modifier) -> int:

@@ -8,8 +8,10 @@ from .node_tree import socket
 
 VERSION = 2
 POINTS, DISCS, GAUSSIANS, SPLATS = "Points", "Discs", "Gaussians", "Native Splats"
+PROJECTED = "Projected Gaussians"  # what the look Gaussians is in the trained picture
 RADIANCE = "radiance"  # what a shader calls the colour of a splat of Blender's own, linear, as the ray sees it
 GAUSSIAN_SIGMAS = 3.0  # how far out an ellipsoid reaches: beyond, a Gaussian is under 1.2 % of its peak
+FAINTEST, MAX_ALPHA = 1 / 255, 0.99  # of a projected Gaussian at a pixel, as the rasteriser bounds them
 ID_PASS = "AA Anchor"  # the pass that holds aa_id + 1, so that 0 is where no point is
 
 
@@ -30,9 +32,10 @@ def material(look: str, *, lit: bool) -> bpy.types.Material:
     color = _attribute(tree, RADIANCE if look == SPLATS else names.COLOR.name, kind).outputs["Color"]
     surface = tree.nodes.new("ShaderNodeBsdfDiffuse" if lit else "ShaderNodeEmission")
     tree.links.new(color, surface.inputs["Color"])
-    if look == GAUSSIANS:
+    if look in (GAUSSIANS, PROJECTED):
         mix = tree.nodes.new("ShaderNodeMixShader")
-        tree.links.new(_gaussian_alpha(tree), mix.inputs[0])
+        alpha = _gaussian_alpha(tree) if look == GAUSSIANS else _projected_alpha(tree)
+        tree.links.new(alpha, mix.inputs[0])
         tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
         tree.links.new(surface.outputs[0], mix.inputs[2])
         surface = mix
@@ -77,6 +80,21 @@ def _gaussian_alpha(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
     front = _math(tree, "SUBTRACT", 1.0, geometry.outputs["Backfacing"])
     opacity = _attribute(tree, names.OPACITY.name, "INSTANCER").outputs["Fac"]
     return _math(tree, "MULTIPLY", _math(tree, "MULTIPLY", opacity, falloff), front)
+
+
+def _projected_alpha(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
+    """The opacity of a flat Gaussian on a disc that ends where it has fallen to FAINTEST, at the radius 1."""
+    nodes, link = tree.nodes, tree.links.new
+    place = nodes.new("ShaderNodeTexCoord").outputs["Object"]
+    squared = nodes.new("ShaderNodeVectorMath")
+    squared.operation = "DOT_PRODUCT"
+    link(place, squared.inputs[0])
+    link(place, squared.inputs[1])
+    radius = socket(squared.outputs, "Value")
+    opacity = _attribute(tree, names.OPACITY.name, "INSTANCER").outputs["Fac"]
+    falloff = _math(tree, "POWER", _math(tree, "DIVIDE", FAINTEST, opacity), radius)
+    alpha = _math(tree, "MINIMUM", _math(tree, "MULTIPLY", opacity, falloff), MAX_ALPHA)
+    return _math(tree, "MULTIPLY", alpha, _math(tree, "LESS_THAN", radius, 1.0))  # the mesh has corners
 
 
 def _math(tree: bpy.types.NodeTree, operation: str, *values: object) -> bpy.types.NodeSocket:

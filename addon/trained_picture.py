@@ -1,14 +1,28 @@
 """A render that is the picture which `aa4d render` draws. Training blends sRGB values, Blender linear light: where
 Gaussians are half transparent the two differ. So the colours are encoded once more, blended as they are, and shown
-without a view transform; and a pixel is what lies at its centre."""
+without a view transform; a pixel is what lies at its center, and nothing is smoothed."""
 
 import bpy
 
-from . import look_nodes, modifiers, names, parts, playback
+from . import look_nodes, materials, modifiers, names, parts, playback
 from .scene import has_cycles
 
-VIEW, LOOK, FILTER, WIDTH = "view_transform", "look", "pixel_filter_type", "filter_width"
-NARROWEST = 0.1  # of Cycles' filter, pixels: the Gaussians themselves bring the filter that they were trained with
+# What the scene needs, by where it stands; what was there before is kept under the last word.
+SETTINGS = (
+    ("view_settings.view_transform", "Raw"),
+    ("view_settings.look", "None"),
+    ("view_settings.exposure", 0.0),
+    ("view_settings.gamma", 1.0),
+    ("render.dither_intensity", 0.0),
+    ("cycles.film_exposure", 1.0),
+    ("cycles.pixel_filter_type", "BOX"),
+    ("cycles.filter_width", 0.01),  # the narrowest: Gaussians themselves bring the filter that they were trained with
+    ("cycles.use_denoising", False),
+    # The most, none left to chance: a ray through faint Gaussians meets more than a hundred.
+    ("cycles.transparent_max_bounces", 1024),
+    ("cycles.min_transparent_bounces", 1024),
+)
+SAME = 1e-6  # Blender keeps a number as a float of 32 bits
 
 
 def is_on(scene: bpy.types.Scene) -> bool:
@@ -19,20 +33,19 @@ def is_on(scene: bpy.types.Scene) -> bool:
 def turn(scene: bpy.types.Scene, on: bool) -> bool:
     """Switch to the trained picture, or back to what was there before, for all imports of the scene: whether the world
     is one that `scene.set_up_scene` made, so that the background is right too."""
-    view = scene.view_settings
     if on and not is_on(scene):
-        kept = {VIEW: view.view_transform, LOOK: view.look}
-        if has_cycles(scene):
-            kept |= {FILTER: scene.cycles.pixel_filter_type, WIDTH: scene.cycles.filter_width}
+        kept = {}
+        for path, value in _settings(scene):
+            owner, name = _place(scene, path)
+            kept[name] = getattr(owner, name)
+            setattr(owner, name, value)
         scene[names.KEPT_PROPERTY] = kept
-        view.view_transform, view.look = "Raw", "None"
-        if has_cycles(scene):
-            scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", NARROWEST
     elif not on and is_on(scene):
         kept = scene[names.KEPT_PROPERTY].to_dict()
-        view.view_transform, view.look = kept[VIEW], kept[LOOK]
-        if has_cycles(scene) and FILTER in kept:
-            scene.cycles.pixel_filter_type, scene.cycles.filter_width = kept[FILTER], kept[WIDTH]
+        for path, _ in _settings(scene):
+            owner, name = _place(scene, path)
+            if name in kept:  # an older version kept less
+                setattr(owner, name, kept[name])
         del scene[names.KEPT_PROPERTY]
     for obj in scene.objects:
         if parts.is_imported(obj) and playback.is_ours(obj):
@@ -40,12 +53,29 @@ def turn(scene: bpy.types.Scene, on: bool) -> bool:
     return _set_background(scene, on)
 
 
+def _settings(scene: bpy.types.Scene) -> list[tuple[str, object]]:
+    return [(path, value) for path, value in SETTINGS if has_cycles(scene) or not path.startswith("cycles.")]
+
+
+def _place(scene: bpy.types.Scene, path: str) -> tuple[object, str]:
+    """The owner of a setting and its name there."""
+    owner, name = path.split(".")
+    return getattr(scene, owner), name
+
+
 def follow(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-    """Let an imported object draw the trained picture, glowing, where the scene shows it."""
+    """Let an imported object draw the trained picture, glowing, where the scene shows it.
+
+    A filter of opacity that nobody has changed gives way to the rasteriser's.
+    """
     look = modifiers.of(obj, names.LOOK_MODIFIER)
-    if look is None or look_nodes.TRAINED_PICTURE not in [item.name for item in modifiers.inputs_of(look.node_group)]:
+    if look is None or not modifiers.has(look, look_nodes.TRAINED_PICTURE):
         return
     modifiers.put(look, look_nodes.TRAINED_PICTURE, is_on(scene))
+    usual = (look_nodes.USUAL_OPACITY, materials.FAINTEST)
+    before, after = usual if is_on(scene) else reversed(usual)
+    if abs(modifiers.get(look, look_nodes.MINIMUM_OPACITY) - before) < SAME:
+        modifiers.put(look, look_nodes.MINIMUM_OPACITY, after)
     if is_on(scene):
         modifiers.put(look, look_nodes.LIT, False)
     obj.update_tag()

@@ -18,7 +18,7 @@ from model_files import make_model, write_model
 ROOT = Path(__file__).resolve().parent.parent.parent
 FILES = (
     *("blender", "clip_playback", "inspection", "links", "export", "compositing", "interface", "vehicles"),
-    *("kept_changes", "frame_rates", "tracks", "splats", "harmonics", "trained_picture", "camera_path"),
+    *("kept_changes", "frame_rates", "tracks", "splats", "harmonics", "trained_picture", "projected", "camera_path"),
 )
 # What a version can break: installing, evaluating, node groups, baking, saving, undo, rendering.
 ESSENTIAL = (
@@ -27,7 +27,8 @@ ESSENTIAL = (
     "or colours_show or ghosts or filters or discs or usd or splats or relinked or motion_blur or passes or shadow "
     "or vehicle or orphaned or dropped or duplicate or applied or stands_still "
     "or softness or harmonics or labels_are_whole or half_transparent or restores or as_it_came_in "
-    "or keeps_its_seconds or half_an_import or nothing_shown or without_cycles or without_usd or first_sight or track"
+    "or keeps_its_seconds or half_an_import or nothing_shown or without_cycles or without_usd or first_sight or track "
+    "or rasteriser or stretched_object or light_comes or behind_the_camera"
 )
 
 

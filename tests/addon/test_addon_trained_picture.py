@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from driving import imported, read_ply, render, set_input
-from track_files import make_track, write_track
+from track_files import FRAMES, make_still, write_track
 
 LOOK = "AdaAnchor4D"
 COLORS = np.array([[0.9, 0.2, 0.1], [0.1, 0.3, 0.9], [0.3, 0.8, 0.2]])
@@ -20,23 +20,17 @@ def stack(tmp_path: Path) -> Path:
 
     Their reach of three deviations leaves the camera out: inside it, Blender 5.3 may take what is behind first.
     """
-    tensors, information = make_track()
-    for name in ("position", "rotation", "log_scale", "opacity", "color"):
-        tensors[f"{name}.rows"] = tensors[f"{name}.rows"][:0]
-        tensors[f"{name}.box"] = tensors[f"{name}.box"][:0]
-        tensors[f"{name}.keys"] = tensors[f"{name}.keys"][:, :0]
-        tensors[f"{name}.rest"] = tensors[f"{name}.rest"][:3]
-    tensors["ids"] = tensors["ids"][:3]
-    tensors["position.rest"] = np.array([[0, 10, 0], [0, 12, 0], [0, 14, 0]], np.float32)
-    tensors["rotation.rest"] = np.tile([1.0, 0, 0, 0], (3, 1)).astype(np.float32)
-    tensors["log_scale.rest"] = np.log(np.array([[1.5, 0.05, 1.5]] * 3)).astype(np.float32)
-    tensors["opacity.rest"][:] = 0.5
-    tensors["color.rest"] = COLORS.astype(np.float32)
+    attributes = {
+        "position": np.array([[0, 10, 0], [0, 12, 0], [0, 14, 0]]),
+        "rotation": np.tile([1.0, 0, 0, 0], (3, 1)),
+        "log_scale": np.log([[1.5, 0.05, 1.5]] * 3),
+        "opacity": np.full((3, 1), 0.5),
+        "color": COLORS,
+    }
     camera = {"model": "PINHOLE", "width": 16, "height": 10, "K": [[80, 0, 8], [0, 80, 5], [0, 0, 1]]}
-    information |= {"camera": camera, "background": list(BACKGROUND)}
-    for frame in information["frames"]:
-        frame["viewmat"] = [[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
-    return write_track(tmp_path / "track.safetensors", tensors, information)
+    viewmat = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+    parts = make_still(attributes, camera, [viewmat] * FRAMES, list(BACKGROUND))
+    return write_track(tmp_path / "track.safetensors", *parts)
 
 
 def expected() -> np.ndarray:
@@ -65,21 +59,45 @@ def test_half_transparent_stack_is_blended_as_in_training(bpy: Any, stack: Path,
 def test_going_back_restores_what_was_there(bpy: Any, extension: str, stack: Path) -> None:
     imported(bpy, stack, set_up_scene=True)
     scene = bpy.context.scene
-    scene.view_settings.view_transform = "Filmic"
+    scene.view_settings.view_transform, scene.view_settings.exposure = "Filmic", 0.5
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "GAUSSIAN", 2.0
+    scene.cycles.use_denoising, scene.render.dither_intensity = True, 0.7
     node = next(node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND")
     before = node.inputs["Color"].default_value[:]
     for _ in range(2):
         bpy.ops.aa4d.trained_picture()
-    assert scene.view_settings.view_transform == "Raw"
+    assert (scene.view_settings.view_transform, scene.view_settings.exposure) == ("Raw", 0)
+    assert (scene.cycles.use_denoising, scene.render.dither_intensity) == (False, 0)
     np.testing.assert_allclose(node.inputs["Color"].default_value[:3], BACKGROUND, atol=1e-6)
     second = imported(bpy, stack)
     assert inputs_of(extension, second)["Trained Picture"]
     bpy.ops.aa4d.trained_picture(use=False)
-    assert scene.view_settings.view_transform == "Filmic"
+    assert (scene.view_settings.view_transform, scene.view_settings.exposure) == ("Filmic", 0.5)
+    assert (scene.cycles.use_denoising, scene.render.dither_intensity) == (True, pytest.approx(0.7))
+    assert scene.cycles.transparent_max_bounces == 64
     assert (scene.cycles.pixel_filter_type, scene.cycles.filter_width) == ("GAUSSIAN", 2.0)
     np.testing.assert_allclose(node.inputs["Color"].default_value[:], before)
     assert not inputs_of(extension, second)["Trained Picture"]
+
+
+def test_faint_gaussians_are_drawn_unless_a_person_says_otherwise(bpy: Any, extension: str, stack: Path) -> None:
+    """The rasteriser draws what reaches 1/255."""
+    usual, changed = imported(bpy, stack), imported(bpy, stack)
+    set_input(extension, changed, LOOK, "Minimum Opacity", 0.3)
+    for on, opacity in ((True, 1 / 255), (False, 0.05)):
+        bpy.ops.aa4d.trained_picture(use=on)
+        assert inputs_of(extension, usual)["Minimum Opacity"] == pytest.approx(opacity)
+        assert inputs_of(extension, changed)["Minimum Opacity"] == pytest.approx(0.3)
+
+
+def test_what_an_older_version_kept_is_restored(bpy: Any, stack: Path) -> None:
+    """It kept fewer settings; the others stay as they are."""
+    imported(bpy, stack, set_up_scene=True)
+    scene = bpy.context.scene
+    scene["aa_kept"] = {"view_transform": "Filmic", "look": "None"}
+    scene.view_settings.view_transform, scene.render.dither_intensity = "Raw", 0.7
+    assert bpy.ops.aa4d.trained_picture(use=False) == {"FINISHED"}
+    assert (scene.view_settings.view_transform, scene.render.dither_intensity) == ("Filmic", pytest.approx(0.7))
 
 
 def inputs_of(extension: str, obj: Any) -> dict[str, Any]:

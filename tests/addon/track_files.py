@@ -74,6 +74,22 @@ def make_track(*, groups: bool = False) -> Parts:
     return tensors, information
 
 
+def make_still(
+    attributes: dict[str, np.ndarray], camera: dict[str, Any], viewmats: list[np.ndarray], background: list[float]
+) -> Parts:
+    """A track of Gaussians that do not change, `attributes` [N, ...] as `rest` has them, seen by these cameras."""
+    tensors, information = make_track()
+    tensors["ids"] = np.arange(len(attributes["position"]), dtype=np.uint32)
+    for name, values in attributes.items():
+        tensors[f"{name}.rows"] = tensors[f"{name}.rows"][:0]
+        tensors[f"{name}.box"] = tensors[f"{name}.box"][:0]
+        tensors[f"{name}.keys"] = tensors[f"{name}.keys"][:, :0]
+        tensors[f"{name}.rest"] = values.astype(np.float32)
+    for frame, viewmat in zip(information["frames"], viewmats, strict=True):
+        frame["viewmat"] = viewmat.tolist()
+    return tensors, information | {"camera": camera, "background": background}
+
+
 def write_track(path: Path, tensors: dict[str, np.ndarray], information: Any) -> Path:
     """A whole track file."""
     header: dict[str, Any] = {"__metadata__": {"aa4d": json.dumps(information)}}

@@ -1,0 +1,107 @@
+"""Gaussians as the rasteriser that trained them draws them: flat, and sorted by the depths of their centers.
+
+EWA splatting (Zwicker et al. 2002), as in 3D Gaussian Splatting (Kerbl et al. 2023). Each Gaussian is a disc in the
+plane of its center's depth, across the axis of the active camera's view: along any ray, discs lie in the order of the
+depths. On the disc is what the Jacobian of the projection makes of the Gaussian there, wider by the rasteriser's
+filter.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from . import materials, names
+from .node_tree import Tree, socket
+
+CORNERS = 12  # of a disc: a ray pays for what lies between its sides and the circle
+NEAREST_M = 0.01  # what is nearer to the camera's plane is not drawn
+# Beyond this slope of a ray the projection's Jacobian stays: else what lies beside the camera would cover the picture.
+# The rasteriser's own bound is 1.3 times the edge of the picture; this is that of a lens of 90 degrees.
+STEEPEST = 1.3
+
+
+class View(NamedTuple):
+    """The active camera, seen from the object."""
+
+    there: Any  # whether there is one
+    to_object: Any  # matrix from the camera's coordinates to the object's
+    to_camera: Any  # and back; the camera looks along -z
+    place: Any  # of each point, in the camera's coordinates
+
+
+def active_view(tree: Tree) -> View:
+    """The scene's active camera, for every point."""
+    camera = tree.group.nodes.new("GeometryNodeInputActiveCamera").outputs[0]
+    info = tree.node("GeometryNodeObjectInfo", {"Object": camera}, transform_space="RELATIVE")
+    to_object = socket(info.outputs, "Transform")
+    to_camera = tree.node("FunctionNodeInvertMatrix", {"Matrix": to_object}).outputs["Matrix"]
+    position = tree.group.nodes.new("GeometryNodeInputPosition").outputs[0]
+    place = tree.node("FunctionNodeTransformPoint", {"Vector": position, "Transform": to_camera}).outputs[0]
+    # Without a camera the node gives a place that no camera has: the object's own origin.
+    there = tree.compare(tree.vector("LENGTH", socket(info.outputs, "Location")), "GREATER_THAN", 0.0)
+    return View(there, to_object, to_camera, place)
+
+
+def discs(tree: Tree, geometry: Any, shown: Any, view: View, softness: Any, size: Any) -> Any:
+    """Every vertex as the disc of its Gaussian, without a material; the disc of radius 1 is where alpha is `FAINTEST`.
+
+    `softness` is the deviation of the filter as a share of the depth, `size` widens all.
+    """
+    x, y, back = tree.node("ShaderNodeSeparateXYZ", {"Vector": view.place}).outputs
+    opacity = tree.named(names.OPACITY.name, names.OPACITY.type)
+    seen = tree.logic("AND", tree.compare(back, "LESS_THAN", -NEAREST_M), shown)
+    seen = tree.logic("AND", seen, tree.compare(opacity, "GREATER_THAN", materials.FAINTEST))
+    mesh = {"Vertices": CORNERS, "Radius": 1 / math.cos(math.pi / CORNERS)}
+    disc = tree.node("GeometryNodeMeshCircle", mesh, fill_type="NGON").outputs[0]
+    material = materials.material(materials.PROJECTED, lit=False)
+    disc = tree.node("GeometryNodeSetMaterial", {"Geometry": disc, "Material": material}).outputs[0]
+    inputs = {"Points": geometry, "Selection": seen, "Instance": disc}
+    instances = tree.node("GeometryNodeInstanceOnPoints", inputs).outputs[0]
+
+    # Rows of the half covariance, of which all else is made: a determinant from variances would cancel for a needle.
+    across, up = (_row(tree, view, axis, tree.math("DIVIDE", side, back)) for axis, side in enumerate((x, y)))
+    filter_width = tree.math("MULTIPLY", back, softness)
+    filtered = tree.math("MULTIPLY", filter_width, filter_width)
+    wide = tree.math("ADD", _dot(tree, across, across), filtered)
+    both = _dot(tree, across, up)
+    turned = tree.vector("CROSS_PRODUCT", across, up)
+    trace = tree.math("ADD", _dot(tree, across, across), _dot(tree, up, up))
+    determinant = tree.math("MULTIPLY_ADD", filtered, tree.math("ADD", trace, filtered), _dot(tree, turned, turned))
+    # The covariance's Cholesky factor takes the circle to the ellipse. `reach` is where alpha is the faintest.
+    reach = tree.math("LOGARITHM", tree.math("DIVIDE", opacity, materials.FAINTEST), math.e)
+    reach = tree.math("MULTIPLY", tree.math("SQRT", tree.math("MULTIPLY", reach, 2.0)), size)
+    first = tree.math("SQRT", wide)
+    over = tree.math("DIVIDE", reach, first)
+    columns = {
+        "Column 1 Row 1": tree.math("MULTIPLY", reach, first),
+        "Column 1 Row 2": tree.math("MULTIPLY", both, over),
+        "Column 2 Row 2": tree.math("MULTIPLY", tree.math("SQRT", determinant), over),
+        "Column 4 Row 1": x,
+        "Column 4 Row 2": y,
+        "Column 4 Row 3": back,
+    }
+    shape = tree.node("FunctionNodeCombineMatrix", columns).outputs[0]
+    placed = tree.group.nodes.new("FunctionNodeMatrixMultiply")
+    tree.set(placed.inputs[0], view.to_object)
+    tree.set(placed.inputs[1], shape)
+    inputs = {"Instances": instances, "Transform": placed.outputs[0]}
+    return tree.node("GeometryNodeSetInstanceTransform", inputs).outputs[0]
+
+
+def _row(tree: Tree, view: View, axis: int, slope: Any) -> Any:
+    """How far each axis of the Gaussian, one deviation long, reaches along an axis of the plane, as three numbers.
+
+    The Jacobian's row (1, 0, -slope), or (0, 1, -slope), taken back from the camera to the Gaussian's own axes.
+    """
+    bounded = tree.math("MINIMUM", tree.math("MAXIMUM", slope, -STEEPEST), STEEPEST)
+    row = {"XY"[axis]: 1.0, "Z": tree.math("MULTIPLY", bounded, -1.0)}
+    back = tree.node("FunctionNodeTransposeMatrix", {"Matrix": view.to_camera}).outputs[0]
+    direction = tree.node("ShaderNodeCombineXYZ", row).outputs[0]
+    direction = tree.node("FunctionNodeTransformDirection", {"Direction": direction, "Transform": back}).outputs[0]
+    rotation = tree.named(names.ROTATION.name, names.ROTATION.type)
+    unturned = tree.node("FunctionNodeInvertRotation", {"Rotation": rotation}).outputs[0]
+    own = tree.node("FunctionNodeRotateVector", {"Vector": direction, "Rotation": unturned}).outputs[0]
+    return tree.vector("MULTIPLY", own, tree.named(names.SCALE.name, names.SCALE.type))
+
+
+def _dot(tree: Tree, first: Any, second: Any) -> Any:
+    return tree.vector("DOT_PRODUCT", first, second)
