@@ -302,7 +302,7 @@ def pictures(
     """Renders of the local Gaussians against the PNGs of `aa4d render`."""
     import bpy
 
-    look_nodes, playback = (importlib.import_module(f"{module}.{name}") for name in ("look_nodes", "playback"))
+    looks, playback = (importlib.import_module(f"{module}.{name}") for name in ("looks", "playback"))
 
     def read(path: Path) -> np.ndarray:
         image = bpy.data.images.load(str(path))
@@ -314,7 +314,7 @@ def pictures(
     kinds = RENDERS if samples is None else dict.fromkeys(kind._replace(samples=samples) for kind in RENDERS)
     rows = []
     for kind in kinds:
-        if kind.look not in look_nodes.LOOKS:
+        if kind.look not in looks.LOOKS:
             continue
         print(f"rendering {kind} ...", file=sys.stderr, flush=True)
         bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from . import look_nodes, materials, modifiers, names, parts, points, trained_picture
+from . import looks, materials, modifiers, names, parts, points, trained_picture
 from .container import Floats
 from .model import Doubles
 from .scene import use_cycles
@@ -84,10 +84,10 @@ def set_up(context: bpy.types.Context, obj: bpy.types.Object, mode: str, *, sun:
         part.visible_shadow = not over_plate
         look = modifiers.of(part, names.LOOK_MODIFIER)
         if look is not None:
-            modifiers.put(look, look_nodes.LIT, not over_plate)
-            modifiers.put(look, look_nodes.CROP, look_nodes.INSIDE if over_plate else look_nodes.NO_CROP)
+            modifiers.put(look, looks.LIT, not over_plate)
+            modifiers.put(look, looks.CROP, looks.INSIDE if over_plate else looks.NO_CROP)
             if occluders is not None:
-                modifiers.put(look, look_nodes.CROP_OBJECT, occluders)
+                modifiers.put(look, looks.CROP_OBJECT, occluders)
     if sun and not any(other.type == "LIGHT" for other in scene.objects):
         _make_sun(obj)
     if passes:

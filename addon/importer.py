@@ -12,7 +12,7 @@ import numpy as np
 from . import (
     activity,
     bake,
-    look_nodes,
+    looks,
     materials,
     modifiers,
     names,
@@ -28,6 +28,7 @@ from .camera import capture_folder, create_camera, show_frames
 from .clip import Clip
 from .container import Floats, ModelFileError
 from .field import Indices
+from .looks import node_groups, splats
 from .model import Model
 from .scene import SAME_RATE, extend_timeline, is_timed, set_timeline, set_up_scene, stretch
 from .source import TRACK, Source, point_count
@@ -76,7 +77,7 @@ def import_model(
     loaded = playback.load(path)
     source, clip = loaded.source, loaded.source.clip
     carrier = options.carrier if options.carrier in source.known_carriers else source.known_carriers[0]
-    gaussians = materials.SPLATS if look_nodes.SPLATS_KNOWN else materials.GAUSSIANS
+    gaussians = materials.SPLATS if looks.SPLATS_KNOWN else materials.GAUSSIANS
     look = options.look or (materials.POINTS if carrier == names.ANCHORS else gaussians)
     view = properties.CAPTURE if source.kind == TRACK else options.view  # its colours do not follow a camera
     options = replace(options, carrier=carrier, look=look, view=view)
@@ -181,11 +182,11 @@ def _make_object(name: str, place: _Place, rows: Indices) -> bpy.types.Object:
     modifiers.put(time, time_nodes.CLIP_FRAMES, clip.frame_count)
     modifiers.put(time, time_nodes.SPEED, 1 / place.stretch)
     look = obj.modifiers.new(names.LOOK_MODIFIER, "NODES")
-    look.node_group = look_nodes.look_group()
-    modifiers.put(look, look_nodes.LOOK, options.look)
-    modifiers.put(look, look_nodes.SOFTNESS, SOFT_PIXELS / float(clip.camera.K[0, 0]))
-    if look_nodes.has_harmonics(obj, look):
-        modifiers.put(look, look_nodes.HARMONICS, options.harmonics)
+    look.node_group = node_groups.look_group()
+    modifiers.put(look, looks.LOOK, options.look)
+    modifiers.put(look, looks.SOFTNESS, SOFT_PIXELS / float(clip.camera.K[0, 0]))
+    if splats.has_harmonics(obj, look):
+        modifiers.put(look, looks.HARMONICS, options.harmonics)
     return obj
 
 

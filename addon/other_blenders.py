@@ -2,7 +2,8 @@
 
 import bpy
 
-from . import look_nodes, materials, modifiers, names
+from . import looks, materials, modifiers, names
+from .looks import node_groups
 
 DRAWN_AS_GAUSSIANS = "Native Splats need Blender 5.3; here they are drawn as Gaussians, slower and without harmonics."
 CAN_BE_SPLATS = "saved by a Blender without splats of its own; this one has them: Look > Native Splats."
@@ -19,9 +20,9 @@ def welcome(*_: object) -> None:
         look = modifiers.of(obj, names.LOOK_MODIFIER)
         if look is None or obj.library is not None or obj.override_library is not None:
             continue
-        if look_nodes.lacks_splats(look.node_group):
+        if node_groups.lacks_splats(look.node_group):
             kept = modifiers.values_of(look)
-            look.node_group = look_nodes.look_group()
+            look.node_group = node_groups.look_group()
             for name, value in kept.items():
                 if modifiers.values_of(look)[name] != value:
                     modifiers.put(look, name, value)
@@ -36,7 +37,7 @@ def welcome(*_: object) -> None:
 
 def is_replaced(look: bpy.types.Modifier) -> bool:
     """Whether a look modifier asks for splats that this Blender does not have."""
-    return not look_nodes.SPLATS_KNOWN and modifiers.get(look, look_nodes.LOOK) == materials.SPLATS
+    return not looks.SPLATS_KNOWN and modifiers.get(look, looks.LOOK) == materials.SPLATS
 
 
 LISTENERS = (bpy.app.handlers.load_post, bpy.app.handlers.blend_import_post)

@@ -5,7 +5,8 @@ import textwrap
 import bpy
 from bpy.app.translations import pgettext_iface as translated
 
-from . import look_nodes, modifiers, names, operators, other_blenders, parts, playback, time_nodes, trained_picture
+from . import looks, modifiers, names, operators, other_blenders, parts, playback, time_nodes, trained_picture
+from .looks import colors, splats
 from .operators.inspection import statistics
 from .parts import is_imported
 from .source import MODEL, TRACK
@@ -113,7 +114,7 @@ class LookPanel(ObjectPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         obj, layout = context.active_object, self.layout
-        inputs = (look_nodes.LOOK, look_nodes.SIZE, look_nodes.LIT, look_nodes.PAINT, look_nodes.PAINT_SHARE)
+        inputs = (looks.LOOK, looks.SIZE, looks.LIT, looks.PAINT, looks.PAINT_SHARE)
         look = modifiers.of(obj, names.LOOK_MODIFIER)
         _draw_inputs(layout, look, inputs)
         if look is not None and other_blenders.is_replaced(look):
@@ -124,10 +125,10 @@ class LookPanel(ObjectPanel, bpy.types.Panel):
             layout.label(text="Seen From")
             layout.prop(parts.lead(obj).aa4d, "view", text="")
             layout.operator(operators.FreezeView.bl_idname, icon="FREEZE")
-        if look is not None and look_nodes.has_harmonics(obj, look):
-            _draw_inputs(layout, look, (look_nodes.HARMONICS,))
+        if look is not None and splats.has_harmonics(obj, look):
+            _draw_inputs(layout, look, (looks.HARMONICS,))
             errors = playback.color_errors.get(obj.session_uid)
-            if errors is not None and look_nodes.harmonics_shown(obj, look) and obj.aa4d.playback == "LIVE":
+            if errors is not None and splats.harmonics_shown(obj, look) and obj.aa4d.playback == "LIVE":
                 column = layout.column(align=True)
                 for text, error in zip(("Colours off by {:.4f}", "Without: {:.4f}"), errors, strict=True):
                     column.label(text=translated(text).format(error), translate=False)
@@ -169,19 +170,19 @@ class InspectionPanel(ObjectPanel, bpy.types.Panel):
         obj, layout = context.active_object, self.layout
         look = modifiers.of(obj, names.LOOK_MODIFIER)
         if look is not None:
-            shown = modifiers.get(look, look_nodes.COLOR_BY)
-            inputs = [look_nodes.COLOR_BY]
+            shown = modifiers.get(look, looks.COLOR_BY)
+            inputs = [looks.COLOR_BY]
             if shown == "Plane Weight":
-                inputs.append(look_nodes.PLANE)
+                inputs.append(looks.PLANE)
             _draw_inputs(layout, look, inputs)
-            if shown in look_nodes.SCALARS:
-                self.draw_legend(layout, look, look_nodes.SCALARS[shown].unit)
-            filters = (look_nodes.MINIMUM_OPACITY, look_nodes.NEAREST, look_nodes.FARTHEST, look_nodes.CROP)
+            if shown in colors.SCALARS:
+                self.draw_legend(layout, look, colors.SCALARS[shown].unit)
+            filters = (looks.MINIMUM_OPACITY, looks.NEAREST, looks.FARTHEST, looks.CROP)
             _draw_inputs(layout, look, filters)
-            if modifiers.get(look, look_nodes.CROP) != look_nodes.NO_CROP:
-                _draw_inputs(layout, look, (look_nodes.CROP_OBJECT,))
+            if modifiers.get(look, looks.CROP) != looks.NO_CROP:
+                _draw_inputs(layout, look, (looks.CROP_OBJECT,))
         _draw_inputs(layout, modifiers.of(obj, names.TIME_MODIFIER), (time_nodes.TRAIL,))
-        _draw_inputs(layout, look, (look_nodes.TRAIL_DISTANCE,))
+        _draw_inputs(layout, look, (looks.TRAIL_DISTANCE,))
         if parts.shows_anchors_alone(obj) and _shows_motion(obj):
             _draw_text(layout, context, translated(ANCHORS_ALONE))
         if obj.aa4d.kind == TRACK and not playback.wanted_of(obj).isdisjoint(names.WEIGHTS):
@@ -195,11 +196,11 @@ class InspectionPanel(ObjectPanel, bpy.types.Panel):
 
     def draw_legend(self, layout: bpy.types.UILayout, look: bpy.types.Modifier, unit: str) -> None:
         """The colours, the values at their ends, and the unit."""
-        ramp = look_nodes.legend_group().nodes[look_nodes.RAMP_NAME]
+        ramp = colors.legend_group().nodes[colors.RAMP_NAME]
         box = layout.box()
         box.template_color_ramp(ramp, "color_ramp", expand=False)
         column = box.column(align=True)
-        for name in (look_nodes.LOW, look_nodes.HIGH):
+        for name in (looks.LOW, looks.HIGH):
             text = f"{translated(name)} ({unit})" if unit else translated(name)
             column.prop(*modifiers.property_of(look, name), text=text, translate=False)
         box.operator(operators.FitLegend.bl_idname)
@@ -251,12 +252,12 @@ def _draw_inputs(
     column = layout.column(align=True)
     for name in inputs:
         owner, path = modifiers.property_of(modifier, name)
-        if modifiers.menu_items(modifier.node_group, name) or name == look_nodes.CROP_OBJECT:
+        if modifiers.menu_items(modifier.node_group, name) or name == looks.CROP_OBJECT:
             column.label(text=name)
             text = ""
         else:
             text = name
-        if name == look_nodes.CROP_OBJECT and path != "value":  # a custom property offers no objects to choose from
+        if name == looks.CROP_OBJECT and path != "value":  # a custom property offers no objects to choose from
             column.prop_search(owner, path, bpy.data, "objects", text=text)
         else:
             column.prop(owner, path, text=text)

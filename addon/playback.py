@@ -14,7 +14,7 @@ import numpy as np
 
 from . import (
     affine,
-    look_nodes,
+    looks,
     materials,
     modifiers,
     names,
@@ -27,6 +27,7 @@ from . import (
 from .clip_time import ClipTime
 from .container import Floats, ModelFileError
 from .header import Doubles
+from .looks import colors, splats
 from .source import MODEL, TRACK, Source, Values, point_count, read_source
 
 FRAMES_KEPT_BYTES = 256 * 2**20  # of evaluated frames, so that playing them again costs no more than the copy
@@ -185,16 +186,13 @@ def wanted_of(obj: bpy.types.Object) -> frozenset[names.Attribute]:
     modifier = modifiers.of(obj, names.LOOK_MODIFIER)
     if modifier is None:
         return frozenset(wanted)
-    if modifiers.get(modifier, look_nodes.LOOK) != materials.POINTS:
+    if modifiers.get(modifier, looks.LOOK) != materials.POINTS:
         wanted.update(names.SHAPE)
-    wanted.update(names.HARMONICS[: look_nodes.harmonics_shown(obj, modifier)])
-    scalar = look_nodes.SCALARS.get(modifiers.get(modifier, look_nodes.COLOR_BY))
+    wanted.update(names.HARMONICS[: splats.harmonics_shown(obj, modifier)])
+    scalar = colors.SCALARS.get(modifiers.get(modifier, looks.COLOR_BY))
     if scalar is not None:
         wanted.update(scalar.needs)
-    if (
-        modifiers.get(modifier, look_nodes.NEAREST) > 0
-        or modifiers.get(modifier, look_nodes.FARTHEST) < look_nodes.NO_LIMIT_M
-    ):
+    if modifiers.get(modifier, looks.NEAREST) > 0 or modifiers.get(modifier, looks.FARTHEST) < looks.NO_LIMIT_M:
         wanted.add(names.DISPLACEMENT)
     return frozenset(wanted)
 

@@ -8,8 +8,9 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from . import affine, look_nodes, materials, modifiers, names, parts, points
+from . import affine, looks, materials, modifiers, names, parts, points
 from .container import Floats
+from .looks import node_groups
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,12 @@ def stand_ins(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> It
                 continue
             look.show_viewport = True
             kept = modifiers.values_of(look)
-            look.node_group = look_nodes.shown_group()
+            look.node_group = node_groups.shown_group()
             for name, value in modifiers.values_of(look).items():  # all survive the change, but for older groups
                 if kept.get(name, value) != value:
                     modifiers.put(look, name, kept[name])
             if copy.aa4d.playback == "LIVE":
-                modifiers.put(look, look_nodes.LOOK, materials.GAUSSIANS)  # so that shapes are evaluated
+                modifiers.put(look, looks.LOOK, materials.GAUSSIANS)  # so that shapes are evaluated
         yield copies
     finally:
         for copy in copies:

@@ -4,7 +4,7 @@ without a view transform; a pixel is what lies at its center, and nothing is smo
 
 import bpy
 
-from . import look_nodes, materials, modifiers, names, parts, playback
+from . import looks, materials, modifiers, names, parts, playback
 from .scene import has_cycles
 
 # What the scene needs, by where it stands; what was there before is kept under the last word.
@@ -15,8 +15,8 @@ SETTINGS = (
     ("view_settings.gamma", 1.0),
     ("render.dither_intensity", 0.0),
     ("cycles.film_exposure", 1.0),
-    ("cycles.pixel_filter_type", "BOX"),
-    ("cycles.filter_width", 0.01),  # the narrowest: Gaussians themselves bring the filter that they were trained with
+    ("cycles.pixel_filter_type", "GAUSSIAN"),  # of a box Cycles leaves the width at a pixel
+    ("cycles.filter_width", 0.01),  # the narrowest: Gaussians bring the filter that they were trained with
     ("cycles.use_denoising", False),
     # The most, none left to chance: a ray through faint Gaussians meets more than a hundred.
     ("cycles.transparent_max_bounces", 1024),
@@ -69,15 +69,15 @@ def follow(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
     A filter of opacity that nobody has changed gives way to the rasteriser's.
     """
     look = modifiers.of(obj, names.LOOK_MODIFIER)
-    if look is None or not modifiers.has(look, look_nodes.TRAINED_PICTURE):
+    if look is None or not modifiers.has(look, looks.TRAINED_PICTURE):
         return
-    modifiers.put(look, look_nodes.TRAINED_PICTURE, is_on(scene))
-    usual = (look_nodes.USUAL_OPACITY, materials.FAINTEST)
+    modifiers.put(look, looks.TRAINED_PICTURE, is_on(scene))
+    usual = (looks.USUAL_OPACITY, materials.FAINTEST)
     before, after = usual if is_on(scene) else reversed(usual)
-    if abs(modifiers.get(look, look_nodes.MINIMUM_OPACITY) - before) < SAME:
-        modifiers.put(look, look_nodes.MINIMUM_OPACITY, after)
+    if abs(modifiers.get(look, looks.MINIMUM_OPACITY) - before) < SAME:
+        modifiers.put(look, looks.MINIMUM_OPACITY, after)
     if is_on(scene):
-        modifiers.put(look, look_nodes.LIT, False)
+        modifiers.put(look, looks.LIT, False)
     obj.update_tag()
 
 

@@ -6,16 +6,17 @@ import bpy
 from bpy.app.translations import pgettext_rpt as translated
 from bpy_extras.io_utils import ImportHelper
 
-from .. import bake, first_sight, importer, look_nodes, modifiers, names, parts, properties
+from .. import bake, first_sight, importer, looks, modifiers, names, parts, properties
 from ..container import ModelFileError
 from ..harmonics import HIGHEST
+from ..looks import splats
 from ..scene import has_cycles
 from .baking import bake_now
 
 AUTOMATIC = "AUTOMATIC"
 LOOK_ITEMS = (
     (AUTOMATIC, "Automatic", "Points for anchors; for Gaussians splats of Blender's own where it has them"),
-    *((look, look, description) for look, description in look_nodes.LOOKS.items()),
+    *((look, look, description) for look, description in looks.LOOKS.items()),
 )
 
 
@@ -32,7 +33,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         name="Carrier",
         description="What the points stand for; a track file has Gaussians alone",
         items=properties.CARRIER_ITEMS,
-        default=names.GAUSSIANS if look_nodes.SPLATS_KNOWN else names.ANCHORS,
+        default=names.GAUSSIANS if looks.SPLATS_KNOWN else names.ANCHORS,
     )
     look: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Look", description="How the points are drawn; the modifier changes it at any time", items=LOOK_ITEMS
@@ -72,7 +73,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         default=0,
         min=0,
         max=HIGHEST,
-        options=set() if look_nodes.SPLATS_KNOWN else {"HIDDEN"},
+        options=set() if looks.SPLATS_KNOWN else {"HIDDEN"},
     )
     vehicles: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Vehicles as Objects",
@@ -151,7 +152,7 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         if self.set_up_scene and not has_cycles(context.scene):
             self.report({"WARNING"}, translated("Cycles is switched off: the render engine stays as it was"))
         look = modifiers.of(imported.points, names.LOOK_MODIFIER)
-        if self.harmonics and look is not None and not look_nodes.has_harmonics(imported.points, look):
+        if self.harmonics and look is not None and not splats.has_harmonics(imported.points, look):
             text = "Harmonics are of Native Splats of a model, which this import does not show"
             self.report({"WARNING"}, translated(text))
         return {"FINISHED"}

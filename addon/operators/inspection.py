@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 from bpy.app.translations import pgettext_rpt as translated
 
-from .. import importer, look_nodes, modifiers, names, playback, points, snapshot, warp_grid
+from .. import importer, looks, modifiers, names, playback, points, snapshot, warp_grid
 from ..container import ModelFileError
 from .on_imported import REGISTER_UNDO, OnImportedObject, OnOwnObject, is_imported
 
@@ -27,22 +27,22 @@ class FitLegend(OnOwnObject, bpy.types.Operator):
             self.report({"WARNING"}, translated("The colours do not show a quantity"))
             return {"CANCELLED"}
         low, high = np.percentile(values, [1, 99])
-        modifiers.put(look, look_nodes.LOW, float(low))
-        modifiers.put(look, look_nodes.HIGH, float(max(high, low + 1e-6)))
+        modifiers.put(look, looks.LOW, float(low))
+        modifiers.put(look, looks.HIGH, float(max(high, low + 1e-6)))
         obj.update_tag()
         return {"FINISHED"}
 
 
 def shown_scalar(obj: bpy.types.Object, look: bpy.types.Modifier) -> np.ndarray | None:
     """The quantity that the colours show, one value a point, or None where they show none."""
-    shown = modifiers.get(look, look_nodes.COLOR_BY)
+    shown = modifiers.get(look, looks.COLOR_BY)
 
     def read(attribute: names.Attribute) -> np.ndarray:
         missing = attribute.name not in obj.data.attributes
         return np.zeros(len(obj.data.vertices)) if missing else points.read(obj.data, attribute.name)
 
     if shown == "Plane Weight":
-        return read(names.WEIGHTS[names.PLANES.index(modifiers.get(look, look_nodes.PLANE))])
+        return read(names.WEIGHTS[names.PLANES.index(modifiers.get(look, looks.PLANE))])
     if shown == "Motion Share":
         return sum((read(weight) for weight in names.WEIGHTS[3:]), np.zeros(len(obj.data.vertices)))
     sources = {

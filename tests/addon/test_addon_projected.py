@@ -68,7 +68,7 @@ def test_moving_camera_sees_the_picture_of_the_rasteriser(bpy: Any, pierced: Pat
     imported(bpy, pierced, look="Gaussians", set_up_scene=True, trained_picture=True, bake=baked)
     for frame in (1, FRAMES) if baked else (1, 2, FRAMES):
         go_to(bpy, frame)
-        picture = render(bpy, tmp_path / "picture.png", samples=1)[::-1, :, :3]
+        picture = render(bpy, tmp_path / "picture.png", samples=4)[::-1, :, :3]
         assert decibels(picture, expected(frame)) > LEAST_DB
 
 
@@ -77,7 +77,7 @@ def test_stretched_object_is_projected_as_it_stands(bpy: Any, pierced: Path, tmp
 
     obj = imported(bpy, pierced, look="Gaussians", set_up_scene=True, trained_picture=True)
     obj.matrix_world = Matrix.LocRotScale((0.5, 3, -1), Euler((0.3, -0.2, 0.7)), (1.4, 0.6, 1.0))
-    picture = render(bpy, tmp_path / "picture.png", samples=1)[::-1, :, :3]
+    picture = render(bpy, tmp_path / "picture.png", samples=4)[::-1, :, :3]
     assert decibels(picture, expected(1, np.array(obj.matrix_world))) > LEAST_DB
 
 

@@ -109,16 +109,16 @@ def test_softness_widens_by_the_filter_of_the_training(bpy: Any, model_path: Pat
 
 def test_look_of_an_older_blender_is_welcomed(native: Any, extension: str, model_path: Path, tmp_path: Path) -> None:
     """A group without the look, as a Blender before 5.3 saves it: values stay, the look is offered, and it is said."""
-    look_nodes = importlib.import_module(f"{extension}.look_nodes")
+    looks, node_groups = (importlib.import_module(f"{extension}.looks{name}") for name in ("", ".node_groups"))
     modifiers = importlib.import_module(f"{extension}.modifiers")
     obj = imported(native, model_path)
     set_input(extension, obj, LOOK, "Size", 2.0)
     group = obj.modifiers[LOOK].node_group.copy()
-    group["aa_version"] = f"AdaAnchor4D Look {look_nodes.VERSION}"
+    group["aa_version"] = f"AdaAnchor4D Look {looks.VERSION}"
     obj.modifiers[LOOK].node_group = group
     native.ops.wm.save_as_mainfile(filepath=str(tmp_path / "older.blend"))
     native.ops.wm.open_mainfile(filepath=str(tmp_path / "older.blend"))
     obj = next(obj for obj in native.data.objects if obj.aa4d.filepath)
     look = obj.modifiers[LOOK]
-    assert look.node_group == look_nodes.look_group()
+    assert look.node_group == node_groups.look_group()
     assert (modifiers.get(look, "Size"), modifiers.get(look, "Look")) == (2.0, "Points")

@@ -7,38 +7,17 @@ filter.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
-from . import materials, names
-from .node_tree import Tree, socket
+from .. import materials, names
+from ..node_tree import Tree
+from .view import View
 
 CORNERS = 12  # of a disc: a ray pays for what lies between its sides and the circle
 NEAREST_M = 0.01  # what is nearer to the camera's plane is not drawn
 # Beyond this slope of a ray the projection's Jacobian stays: else what lies beside the camera would cover the picture.
 # The rasteriser's own bound is 1.3 times the edge of the picture; this is that of a lens of 90 degrees.
 STEEPEST = 1.3
-
-
-class View(NamedTuple):
-    """The active camera, seen from the object."""
-
-    there: Any  # whether there is one
-    to_object: Any  # matrix from the camera's coordinates to the object's
-    to_camera: Any  # and back; the camera looks along -z
-    place: Any  # of each point, in the camera's coordinates
-
-
-def active_view(tree: Tree) -> View:
-    """The scene's active camera, for every point."""
-    camera = tree.group.nodes.new("GeometryNodeInputActiveCamera").outputs[0]
-    info = tree.node("GeometryNodeObjectInfo", {"Object": camera}, transform_space="RELATIVE")
-    to_object = socket(info.outputs, "Transform")
-    to_camera = tree.node("FunctionNodeInvertMatrix", {"Matrix": to_object}).outputs["Matrix"]
-    position = tree.group.nodes.new("GeometryNodeInputPosition").outputs[0]
-    place = tree.node("FunctionNodeTransformPoint", {"Vector": position, "Transform": to_camera}).outputs[0]
-    # Without a camera the node gives a place that no camera has: the object's own origin.
-    there = tree.compare(tree.vector("LENGTH", socket(info.outputs, "Location")), "GREATER_THAN", 0.0)
-    return View(there, to_object, to_camera, place)
 
 
 def discs(tree: Tree, geometry: Any, shown: Any, view: View, softness: Any, size: Any) -> Any:
