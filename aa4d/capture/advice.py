@@ -86,8 +86,8 @@ def stated_field_of_view_advice(held: Tried, freed: Tried) -> list[Advice]:
         return []
     what = (
         f"--fov {held.fov_deg:.3g} contradicts the frames: it explains them to {held.error_px:.2f} px, and "
-        f"{freed.fov_deg:.0f} degrees would to {freed.error_px:.2f} px. Is it the camera's, across the longest side "
-        "and with this zoom? Without --fov it is found."
+        f"{freed.fov_deg:.0f} degrees would to {freed.error_px:.2f} px. Is it the camera's, horizontally and with "
+        "this zoom? Without --fov it is found."
     )
     return [Advice(what)]
 

@@ -53,7 +53,7 @@ class Tried:
     """What a part of the clip came to from one start."""
 
     start: str  # in words
-    fov_deg: float  # that was found, across the longest side
+    fov_deg: float  # that was found, horizontal
     frames: int  # that were placed
     error_px: float  # mean of the observations
 
@@ -102,7 +102,7 @@ def find_start(
     part = probed_frames(names, settings.window)
     if camera.has_prior_focal_length or len(part) < FEWEST_PROBED:
         return Start(database)
-    usual_deg = _degrees(camera)
+    usual = f"{_degrees(camera.width, camera.mean_focal_length()):.0f} degrees"
     tried: list[Tried] = []
     models: list[Any] = []
 
@@ -111,16 +111,18 @@ def find_start(
             tried.append(_as_tried(start, model))
             models.append(model)
 
-    keep(f"{usual_deg:.0f} degrees", map_part(database, part, folder / "start-usual"))
+    keep(usual, map_part(database, part, folder / "start-usual"))
     keep(GLOBAL, map_globally(database, images, part, seed, threads, folder / "start-global"))
     if len(tried) < 2 or not _agree(*tried):
         for degrees in STARTS_DEG:
-            other = with_focal(database, _focal_px(camera, degrees), folder / f"start-{degrees:.0f}.db")
-            keep(f"{degrees:.0f} degrees", map_part(other, part, folder / f"start-{degrees:.0f}"))
+            focal_px = 0.5 * max(camera.width, camera.height) / math.tan(math.radians(degrees) / 2)
+            tries = folder / f"start-{degrees:.0f}"
+            model = map_part(with_focal(database, focal_px, tries.with_suffix(".db")), part, tries)
+            keep(f"{_degrees(camera.width, focal_px):.0f} degrees", model)
     if not tried:
         return Start(database)
     chosen = best_of(tried)
-    if tried[chosen].start == f"{usual_deg:.0f} degrees":
+    if tried[chosen].start == usual:
         return Start(database, tuple(tried), len(part), chosen)
     focal_px = next(iter(models[chosen].cameras.values())).mean_focal_length()
     return Start(with_focal(database, focal_px, folder / "start.db"), tuple(tried), len(part), chosen)
@@ -173,8 +175,8 @@ def contradicts(held: Tried, freed: Tried) -> bool:
 
 
 def _as_tried(start: str, model: Any) -> Tried:
-    error = float(model.compute_mean_reprojection_error())
-    return Tried(start, _degrees(next(iter(model.cameras.values()))), model.num_reg_images(), error)
+    error, camera = float(model.compute_mean_reprojection_error()), next(iter(model.cameras.values()))
+    return Tried(start, _degrees(camera.width, camera.mean_focal_length()), model.num_reg_images(), error)
 
 
 def _agree(one: Tried, other: Tried) -> bool:
@@ -219,9 +221,5 @@ def with_focal(database: Path, focal_px: float, target: Path) -> Path:
     return target
 
 
-def _degrees(camera: Any) -> float:
-    return math.degrees(2 * math.atan(0.5 * max(camera.width, camera.height) / camera.mean_focal_length()))
-
-
-def _focal_px(camera: Any, degrees: float) -> float:
-    return 0.5 * max(camera.width, camera.height) / math.tan(math.radians(degrees) / 2)
+def _degrees(width: int, focal_px: float) -> float:
+    return math.degrees(2 * math.atan(0.5 * width / focal_px))

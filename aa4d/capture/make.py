@@ -120,6 +120,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     spacing = _spacing(source, settings, workspace)
     clip = workspace.run(frames_step(source, _selection(settings, spacing)))
     given = None if source.posed is None else source.posed.of_clip(clip)
+    looks_again = settings.movers != "off" and source.annotations is None
     masks = workspace.run(movers_step(clip, source.annotations)) if settings.movers != "off" else None
     overlay = workspace.run(overlay_step(clip)) if settings.overlay == "leave-out" else None
     matches = _matches(source, clip, masks, overlay, settings, workspace)
@@ -140,6 +141,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         ),
         *([] if spacing is None else spacing.notes),
         *([] if masks is None else masks.notes),
+        *([] if looks_again or settings.movers != "twice" else ["--movers twice adds nothing: boxes say what moves"]),
         *cameras.notes(clip),
         *placement.world.notes,
     ]
@@ -147,7 +149,6 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     pictures = workspace.run(
         pictures_step(clip, placement.ranks, placement.cameras, placement.pinhole, masks, settings.size_px)
     )
-    looks_again = masks is not None and source.annotations is None
     adds = settings.movers == "twice"
     second = workspace.run(second_look_step(placement, pictures, adds)) if looks_again else None
     boxes = None if source.annotations is None else placement.boxes(source.annotations, clip)
