@@ -33,7 +33,8 @@ def no_model_advice(geometry: dict[str, int], is_stated: bool) -> str:
     Args:
         is_stated: whether the field of view is what the user says.
     """
-    return _missing_from(geometry) + ("; or --fov is not the camera's: leave it out" if is_stated else "")
+    doubts = is_stated and sum(geometry.values())  # frames that do not match say nothing of it
+    return _missing_from(geometry) + ("; or --fov is not the camera's: leave it out" if doubts else "")
 
 
 def _missing_from(geometry: dict[str, int]) -> str:

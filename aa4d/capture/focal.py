@@ -159,12 +159,16 @@ def rivals(tried: tuple[Tried, ...], chosen: int) -> list[Tried]:
 
 def held_and_freed(model: Any, threads: int) -> tuple[Tried, Tried]:
     """A model that was mapped with a stated focal length, and what bundle adjustment finds once that is free."""
-    copy = pycolmap.Reconstruction(model)
+    copy, whole = pycolmap.Reconstruction(model), pycolmap.BundleAdjustmentConfig()
+    for image in copy.reg_image_ids():
+        whole.add_image(image)
+    whole.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = options.refine_extra_params = True
     options.print_summary = False
     options.ceres.solver_options.num_threads = threads
-    pycolmap.bundle_adjustment(copy, options)
+    # Not pycolmap.bundle_adjustment, which writes to COLMAP's log and turns that on for good.
+    pycolmap.create_default_bundle_adjuster(options, whole, copy).solve()
     copy.update_point_3d_errors()
     return _as_tried(HELD, model), _as_tried(FREED, copy)
 

@@ -230,11 +230,12 @@ def test_files_that_are_no_pictures_and_damaged_ones(tmp_path: Path) -> None:
     source = aerial.write(tmp_path / "frames", IMAGES)
     (source / "notes.txt").write_text("x")
     (source / "Thumbs.db").write_bytes(b"x")
+    (source / "frame_0009.png").symlink_to("nowhere.png")
     damaged = source / "frame_0004.png"
     damaged.write_bytes(damaged.read_bytes()[:500])
     clip = clip_of(source, tmp_path / "clip")
     assert len(clip.frames) == 8
-    assert any("Thumbs.db, notes.txt left out: no picture" in note for note in clip.notes)
+    assert any("Thumbs.db, frame_0009.png, notes.txt left out: no picture" in note for note in clip.notes)
     assert any("frame_0004.png left out" in note for note in clip.notes)
 
 

@@ -51,6 +51,7 @@ def test_the_field_of_view_is_doubted_where_the_frames_do_not_tell_it() -> None:
 def test_a_wrong_field_of_view_is_suspected_where_nothing_comes_out() -> None:
     assert "--fov" not in no_model_advice({"CALIBRATED": 9}, False)
     assert no_model_advice({"CALIBRATED": 9}, True).endswith("or --fov is not the camera's: leave it out")
+    assert "--fov" not in no_model_advice({}, True)  # frames without a match say nothing of it
 
 
 def test_the_field_of_view_is_found(made: CaptureSummary) -> None:

@@ -36,10 +36,10 @@ def recognises(path: Path) -> bool:
 
 def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:
     """Frames in the order of their numbers, or of their names where one has none, unless EXIF knows better."""
-    found = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
-    files = [p for p in found if p.suffix.lower() in EXTENSIONS]
+    found = sorted(p for p in path.iterdir() if not (p.is_dir() or p.name.startswith(".")))
+    files = [p for p in found if p.is_file() and p.suffix.lower() in EXTENSIONS]
     notes = []
-    others = [shown(p) for p in found if p.suffix.lower() not in EXTENSIONS]
+    others = [shown(p) for p in found if p not in files]
     if others:
         notes.append(f"{abbreviate(others)} left out: no picture")
     if not files:
