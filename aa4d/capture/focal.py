@@ -108,7 +108,7 @@ def find_start(
 
     def keep(start: str, model: Any) -> None:
         if model is not None and has_usual_focal(model):
-            tried.append(_as_tried(start, model))
+            tried.append(as_tried(start, model))
             models.append(model)
 
     keep(usual, map_part(database, part, folder / "start-usual"))
@@ -170,7 +170,7 @@ def held_and_freed(model: Any, threads: int) -> tuple[Tried, Tried]:
     # Not pycolmap.bundle_adjustment, which writes to COLMAP's log and turns that on for good.
     pycolmap.create_default_bundle_adjuster(options, whole, copy).solve()
     copy.update_point_3d_errors()
-    return _as_tried(HELD, model), _as_tried(FREED, copy)
+    return as_tried(HELD, model), as_tried(FREED, copy)
 
 
 def contradicts(held: Tried, freed: Tried) -> bool:
@@ -178,7 +178,7 @@ def contradicts(held: Tried, freed: Tried) -> bool:
     return abs(freed.fov_deg / held.fov_deg - 1) > 2 * AGREEMENT and freed.error_px <= CLEARLY * held.error_px
 
 
-def _as_tried(start: str, model: Any) -> Tried:
+def as_tried(start: str, model: Any) -> Tried:
     error, camera = float(model.compute_mean_reprojection_error()), next(iter(model.cameras.values()))
     return Tried(start, _degrees(camera.width, camera.mean_focal_length()), model.num_reg_images(), error)
 

@@ -11,9 +11,10 @@ import numpy as np
 import pycolmap
 
 from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
+from aa4d.capture.beginning import FLAT_SHARE, Pair, beginnings
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import is_whole_model, quiet, run, write_model
-from aa4d.capture.focal import Start, Tried, find_start, held_and_freed
+from aa4d.capture.focal import NEARLY_ALL, Start, Tried, as_tried, best_of, find_start, held_and_freed
 from aa4d.capture.matching import Matches
 from aa4d.capture.selection import abbreviate
 from aa4d.capture.settings import CaptureSettings, Reconstruction
@@ -23,6 +24,7 @@ from aa4d.errors import InputError
 MIN_FRAMES = 3  # with fewer, a model is not worth keeping
 MIN_POINTS = 30
 MIN_REGISTERED_FRACTION = 0.5  # fraction of the frames: with less, mapping is tried again with the relaxed thresholds
+OWN_CHOICE = "COLMAP's own choice"
 PARALLAX_DEG = 0.5  # median angle under which a point is seen; less is a camera that only turns
 
 
@@ -43,6 +45,23 @@ MIN_FOCAL, MAX_FOCAL = 0.42, 4.0
 
 
 @dataclass(frozen=True)
+class Begun:
+    """What mapping came to from a pair of frames."""
+
+    pair: Pair | None  # None: COLMAP's own choice
+    models: dict[int, Any]
+
+    @property
+    def has_usual_focal(self) -> bool:
+        return any(has_usual_focal(model) for model in self.models.values())
+
+    def tried(self, clip: Clip) -> Tried:
+        labels = {frame.file: frame.label for frame in clip.frames}
+        name = OWN_CHOICE if self.pair is None else " and ".join(labels[file] for file in self.pair.files)
+        return as_tried(name, _largest(self.models))
+
+
+@dataclass(frozen=True)
 class Cameras(StepResult):
     """A COLMAP model of the clip's frames. Frames are named by their ranks in the clip."""
 
@@ -55,6 +74,7 @@ class Cameras(StepResult):
     probed: int = 0  # frames of that part
     chosen: int = 0  # of `tried`, whose focal length the whole clip was mapped from
     freed: tuple[dict[str, Any], ...] = ()  # `Tried` of a stated focal length, and of the same model with that free
+    begun_from: tuple[dict[str, Any], ...] = ()  # `Tried` of each pair that mapping began with, the one used first
 
     @property
     def start(self) -> Start:
@@ -70,6 +90,9 @@ class Cameras(StepResult):
     def notes(self, clip: Clip) -> list[str]:
         """Notes on what the model leaves out: frames without a pose, and the other models."""
         said = self.start.notes()
+        if len(self.begun_from) > 1 and self.begun_from[0]["start"] != OWN_CHOICE:
+            tried = "; ".join(str(Tried(**values)) for values in self.begun_from)
+            said.append(f"most pairs of frames show one plane: mapping began with {tried}; used is the first")
         if self.attempts > 1:
             a = ATTEMPTS[self.attempts - 1]
             said.append(
@@ -94,7 +117,7 @@ def solve_step(clip: Clip, matches: Matches, settings: CaptureSettings) -> Step[
     how = settings.reconstruction
     return Step(
         "cameras",
-        [how.global_refinements, how.grown_by, settings.seed],
+        [how.global_refinements, how.grown_by, settings.seed, FLAT_SHARE],
         lambda *place: reconstruct(clip, matches, settings, *place),
         Cameras,
     )
@@ -120,15 +143,30 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
     focal_is_known = settings.fov_deg is not None
     database, geometry = matches.database, matches.geometry
     best: dict[int, Any] = {}
+    begun_from: tuple[Tried, ...] = ()
     number, solve_focal = 0, not focal_is_known
     names = [frame.file for frame in clip.frames]
 
     def map_part(database: Path, part: list[str], tries: Path) -> Any:
         tries.mkdir()
-        options = _options(how, ATTEMPTS[0], True, threads, seed)
-        options.image_names = part
-        found = _map(clip, database, options, tries, progress)
-        return max(found.values(), key=lambda m: m.num_reg_images(), default=None)
+        best: dict[int, Any] = {}
+        for pair in beginnings(database, part):
+            options = _options(how, ATTEMPTS[0], True, threads, seed, pair)
+            options.image_names = part
+            models = _map(clip, database, options, tries, progress)
+            if _registered(models) > _registered(best):
+                best = models
+            if _registered(best) >= NEARLY_ALL * len(part):
+                break
+        return _largest(best) if best else None
+
+    def map_all(attempt: Attempt, solve_focal: bool, tries: Path) -> list[Begun]:
+        found = []
+        for pair in beginnings(database, names):
+            options = _options(how, attempt, solve_focal, threads, seed, pair)
+            models = _map(clip, start.database if solve_focal else database, options, tries, progress)
+            found += [Begun(pair, models)] if models else []
+        return found
 
     probes = _emptied(folder / "starts")
     start = Start(database)
@@ -136,13 +174,17 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         start = find_start(database, clip.folder, names, how, seed, threads, probes, map_part, has_usual_focal)
     for number, attempt in enumerate(ATTEMPTS):
         tries = _emptied(folder / f"attempt-{number}")
-        solving = _options(how, attempt, solve_focal, threads, seed)
-        models = _map(clip, start.database if solve_focal else database, solving, tries, progress)
-        if solve_focal and models and not any(has_usual_focal(m) for m in models.values()):
+        found = map_all(attempt, solve_focal, tries)
+        if solve_focal and found and not any(begun.has_usual_focal for begun in found):
             solve_focal = False
-            models = _map(clip, database, _options(how, attempt, solve_focal, threads, seed), tries, progress)
-        if _registered(models) > _registered(best):
-            best = models
+            found = map_all(attempt, solve_focal, tries)
+        if not found:
+            continue
+        tried = tuple(begun.tried(clip) for begun in found)
+        possible = [i for i, begun in enumerate(found) if begun.has_usual_focal or not solve_focal]
+        chosen = possible[best_of([tried[i] for i in possible])]
+        if _registered(found[chosen].models) > _registered(best):
+            best, begun_from = found[chosen].models, (tried[chosen], *tried[:chosen], *tried[chosen + 1 :])
         if _registered(best) >= MIN_REGISTERED_FRACTION * len(names):
             break
     if not best:
@@ -171,6 +213,7 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         probed=start.probed,
         chosen=start.chosen,
         freed=tuple(asdict(t) for t in freed),
+        begun_from=tuple(asdict(t) for t in begun_from),
     )
 
 
@@ -180,7 +223,15 @@ def _emptied(folder: Path) -> Path:
     return folder
 
 
-def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int) -> Any:
+def _options(
+    settings: Reconstruction,
+    attempt: Attempt,
+    solve_focal: bool,
+    threads: int,
+    seed: int,
+    pair: Pair | None,
+) -> Any:
+    """`pair`: of frames to begin with; None leaves COLMAP the choice."""
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = threads
     options.random_seed = seed
@@ -195,6 +246,10 @@ def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, thre
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
     options.mapper.filter_min_tri_angle = attempt.point_angle_deg
     options.triangulation.min_angle = attempt.point_angle_deg
+    if pair is not None:
+        options.init_image_id1, options.init_image_id2 = pair.numbers
+        options.mapper.init_min_tri_angle = attempt.point_angle_deg
+        options.mapper.init_max_forward_motion = 1.0  # any: straight ahead, as drones fly
     return options
 
 
@@ -224,8 +279,12 @@ def has_usual_focal(model: Any) -> bool:
     )
 
 
+def _largest(models: dict[int, Any]) -> Any:
+    return max(models.values(), key=lambda m: m.num_reg_images())
+
+
 def _registered(models: dict[int, Any]) -> int:
-    return max((m.num_reg_images() for m in models.values()), default=0)
+    return _largest(models).num_reg_images() if models else 0
 
 
 def _ranks(model: Any, names: list[str]) -> list[int]:
