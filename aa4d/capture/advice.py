@@ -16,6 +16,7 @@ TURNING = ("PANORAMIC", "PLANAR_OR_PANORAMIC")
 FLAT = ("PLANAR", *TURNING)
 MANY_SHARE = 0.3  # Share of the frames that show the horizon
 TILT_DEG = 6.0  # Angle of the ground against the horizon: roads climb by less
+STEEP_DEG = 30.0  # the same: no ground that is filmed from above slopes by so much
 FLAT_SHARE = 0.9  # fraction of the pairs: with more, next to nothing in the frames tells the focal length
 
 
@@ -33,7 +34,7 @@ def no_model_advice(geometry: dict[str, int], is_stated: bool) -> str:
     Args:
         is_stated: whether the field of view is what the user says.
     """
-    doubts = is_stated and sum(geometry.values())  # frames that do not match say nothing of it
+    doubts = is_stated and sum(geometry.values()) > 0  # frames that do not match say nothing of it
     return _missing_from(geometry) + ("; or --fov is not the camera's: leave it out" if doubts else "")
 
 
@@ -111,15 +112,13 @@ def horizon_advice(horizon: Horizon | None, labels: list[str]) -> list[Advice]:
     seen = f"what looks like the horizon in {horizon.seen} of {len(labels)} frames"
     turned = f"turned against each other by up to {horizon.spread_deg:.0f} degrees"
     if len(horizon.apart) > MANY_SHARE * horizon.seen:
-        what = (
-            f"The cameras are wrong: by {seen}, they are {turned}. Give --fov, or use another part of the clip "
-            "(--start, --end)."
-        )
-        return [Advice(what, "An outline that is no horizon, such as the edge of a long roof, can be the reason.")]
+        return [_all_wrong(f"by {seen}, they are {turned}")]
     if horizon.apart:
         names = abbreviate([labels[i] for i in horizon.apart])
         what = f"{names}: by {seen}, these cameras and the others are {turned}. Leave them out (--start, --end)."
         return [Advice(what)]
+    if horizon.tilt_deg > STEEP_DEG:
+        return [_all_wrong(f"the ground that they make is {horizon.tilt_deg:.0f} degrees off {seen}")]
     if horizon.tilt_deg > TILT_DEG:
         what = (
             f"The world's up is {horizon.tilt_deg:.0f} degrees off {seen}: the ground slopes, or the field of view is "
@@ -127,6 +126,14 @@ def horizon_advice(horizon: Horizon | None, labels: list[str]) -> list[Advice]:
         )
         return [Advice(what)]
     return []
+
+
+def _all_wrong(because: str) -> Advice:
+    what = (
+        f"The cameras are wrong: {because}. Use a part of the clip in which the drone flies sideways or along an arc "
+        "(--start, --end), --preset accurate, or --fov if you know the camera's."
+    )
+    return Advice(what, "An outline that is no horizon, such as the edge of a long roof, can be the reason.")
 
 
 def advice(

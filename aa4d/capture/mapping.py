@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 
 from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
-from aa4d.capture.beginning import FLAT_SHARE, Pair, beginnings
+from aa4d.capture.beginning import FLAT_SHARE, Pair, beginnings, begun
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import is_whole_model, quiet, run, write_model
 from aa4d.capture.focal import NEARLY_ALL, Start, Tried, as_tried, best_of, find_start, held_and_freed
@@ -150,10 +150,10 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
     def map_part(database: Path, part: list[str], tries: Path) -> Any:
         tries.mkdir()
         best: dict[int, Any] = {}
-        for pair in beginnings(database, part):
-            options = _options(how, ATTEMPTS[0], True, threads, seed, pair)
+        for pair in beginnings(database, part, ATTEMPTS[0].point_angle_deg):
+            options = _options(how, ATTEMPTS[0], True, threads, seed)
             options.image_names = part
-            models = _map(clip, database, options, tries, progress)
+            models = _map(clip, database, options, pair, tries, progress)
             if _registered(models) > _registered(best):
                 best = models
             if _registered(best) >= NEARLY_ALL * len(part):
@@ -161,10 +161,10 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         return _largest(best) if best else None
 
     def map_all(attempt: Attempt, solve_focal: bool, tries: Path) -> list[Begun]:
-        found = []
-        for pair in beginnings(database, names):
-            options = _options(how, attempt, solve_focal, threads, seed, pair)
-            models = _map(clip, start.database if solve_focal else database, options, tries, progress)
+        found, matched = [], start.database if solve_focal else database
+        for pair in beginnings(matched, names, attempt.point_angle_deg):
+            options = _options(how, attempt, solve_focal, threads, seed)
+            models = _map(clip, matched, options, pair, tries, progress)
             found += [Begun(pair, models)] if models else []
         return found
 
@@ -175,13 +175,13 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
     for number, attempt in enumerate(ATTEMPTS):
         tries = _emptied(folder / f"attempt-{number}")
         found = map_all(attempt, solve_focal, tries)
-        if solve_focal and found and not any(begun.has_usual_focal for begun in found):
+        if solve_focal and found and not any(one.has_usual_focal for one in found):
             solve_focal = False
             found = map_all(attempt, solve_focal, tries)
         if not found:
             continue
-        tried = tuple(begun.tried(clip) for begun in found)
-        possible = [i for i, begun in enumerate(found) if begun.has_usual_focal or not solve_focal]
+        tried = tuple(one.tried(clip) for one in found)
+        possible = [i for i, one in enumerate(found) if one.has_usual_focal or not solve_focal]
         chosen = possible[best_of([tried[i] for i in possible])]
         if _registered(found[chosen].models) > _registered(best):
             best, begun_from = found[chosen].models, (tried[chosen], *tried[:chosen], *tried[chosen + 1 :])
@@ -223,15 +223,7 @@ def _emptied(folder: Path) -> Path:
     return folder
 
 
-def _options(
-    settings: Reconstruction,
-    attempt: Attempt,
-    solve_focal: bool,
-    threads: int,
-    seed: int,
-    pair: Pair | None,
-) -> Any:
-    """`pair`: of frames to begin with; None leaves COLMAP the choice."""
+def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int) -> Any:
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = threads
     options.random_seed = seed
@@ -246,14 +238,13 @@ def _options(
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
     options.mapper.filter_min_tri_angle = attempt.point_angle_deg
     options.triangulation.min_angle = attempt.point_angle_deg
-    if pair is not None:
-        options.init_image_id1, options.init_image_id2 = pair.numbers
-        options.mapper.init_min_tri_angle = attempt.point_angle_deg
-        options.mapper.init_max_forward_motion = 1.0  # any: straight ahead, as drones fly
     return options
 
 
-def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progress) -> dict[int, Any]:
+def _map(
+    clip: Clip, matches: Path, options: Any, pair: Pair | None, folder: Path, progress: Progress
+) -> dict[int, Any]:
+    """Models by COLMAP's numbers for them, begun with `pair` or, where that is None, with the pair that it chooses."""
     registered = [0]
 
     def next_image() -> None:
@@ -261,9 +252,25 @@ def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progre
 
     # The random numbers of RANSAC are drawn from one generator for all of COLMAP.
     pycolmap.set_random_seed(max(options.random_seed, 0))
+    first = ""
+    if pair is not None:
+        first = str(_emptied(folder / "begun"))
+        two = run(
+            lambda token: pycolmap.triangulate_points(
+                begun(pair, matches), matches, clip.folder, first, options=options, cancellation_token=token
+            ),
+            folder,
+        )
+        write_model(two, Path(first))
     found: dict[int, Any] = run(
         lambda token: pycolmap.incremental_mapping(
-            matches, clip.folder, folder, options, next_image_callback=next_image, cancellation_token=token
+            matches,
+            clip.folder,
+            folder,
+            options,
+            input_path=first,
+            next_image_callback=next_image,
+            cancellation_token=token,
         ),
         folder,
         lambda: progress(min(registered[0] + 2 if registered[0] else 0, len(clip.frames)), len(clip.frames)),
