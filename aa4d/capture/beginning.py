@@ -23,7 +23,8 @@ from aa4d.capture.colmap import opened
 PLANE = ("PLANAR", "PANORAMIC", "PLANAR_OR_PANORAMIC")  # kinds of two-view geometry, by COLMAP's names
 FLAT_SHARE = 0.5  # of the pairs: with less, COLMAP's own choice is no plane
 LOOKED_AT = 60  # pairs, of all that have enough in common
-FEWEST = 100  # points in common, and of those under an angle that mapping can use
+FEWEST = 250  # points in common under one of these angles, the wider one first
+ANGLES_DEG = (1.5, 0.7)
 CLEARLY = 1.3  # times the better explanation's error is that of the other
 PLANE_PX = 3.0  # distance from the plane's place
 IN_FRONT = 0.9  # share of the points, for a motion that is possible
@@ -39,18 +40,19 @@ class Pair:
     files: tuple[str, str]
     rotation: Floats  # [3, 3] from the first camera to the second
     translation: Floats  # [3] unit
+    angle_deg: float  # under which enough points are seen: mapping has to take them
 
 
-def beginnings(database: Path, files: Collection[str], angle_deg: float) -> list[Pair | None]:
+def beginnings(database: Path, files: Collection[str]) -> list[Pair | None]:
     """Pairs of those frames to begin with, the more certain one first; None is COLMAP's own choice."""
-    pair = of_a_plane(database, files, angle_deg)
+    pair = of_a_plane(database, files)
     return [None] if pair is None else [pair, None]
 
 
-def of_a_plane(database: Path, files: Collection[str], angle_deg: float) -> Pair | None:
-    """The pair that is explained most clearly, of those that show FEWEST points under so many degrees or more.
+def of_a_plane(database: Path, files: Collection[str]) -> Pair | None:
+    """Of the pairs that one motion explains clearly better than any other, that with most points under a wide angle.
 
-    None where no pair is, or where most show more than a plane, so that COLMAP's own choice is as good.
+    None where no pair has FEWEST, or where most show more than a plane, so that COLMAP's own choice is as good.
     """
     with opened(database) as stored:
         camera = stored.read_all_cameras()[0]
@@ -69,26 +71,30 @@ def of_a_plane(database: Path, files: Collection[str], angle_deg: float) -> Pair
         chosen = enough[:: max(len(enough) // LOOKED_AT, 1)]
         points = {i: stored.read_keypoints(i)[:, :2] for i in {i for pair, _ in chosen for i in pair}}
     K = camera.calibration_matrix()
-    best, clearest = None, CLEARLY
-    for (one, other), matches in chosen:
-        rays = [_rays(points[i][column], K) for i, column in zip((one, other), matches.T, strict=True)]
-        found = explained(rays[0], rays[1], PLANE_PX / K[0, 0], angle_deg)
-        if found is not None and found[2] > clearest:
-            best, clearest = Pair((one, other), (file_of[one], file_of[other]), *found[:2]), found[2]
-    return best
+    clear: list[tuple[tuple[int, int], Floats, Floats, Floats]] = []
+    for pair, matches in chosen:
+        rays = [_rays(points[i][column], K) for i, column in zip(pair, matches.T, strict=True)]
+        found = explained(rays[0], rays[1], PLANE_PX / K[0, 0])
+        if found is not None and found[2] >= CLEARLY:
+            clear.append((pair, *found[:2], _angles_deg(rays[0], rays[1], found[0])))
+    for angle_deg in ANGLES_DEG:
+        wide = [int((angles >= angle_deg).sum()) for *_, angles in clear]
+        if max(wide, default=0) >= FEWEST:
+            pair, rotation, translation, _ = clear[int(np.argmax(wide))]
+            return Pair(pair, (file_of[pair[0]], file_of[pair[1]]), rotation, translation, angle_deg)
+    return None
 
 
-def explained(one: Floats, other: Floats, near: float, angle_deg: float) -> tuple[Floats, Floats, float] | None:
+def explained(one: Floats, other: Floats, near: float) -> tuple[Floats, Floats, float] | None:
     """The motion between two pictures of a plane and what stands on it, and how many times worse the next best is.
 
     Args:
         one, other: rays [N, 3] of the same points from both cameras, at depth 1.
         near: distance at depth 1 within which a point is on the plane.
-        angle_deg: under which FEWEST points have to be seen.
 
     Returns:
-        Rotation [3, 3] and unit translation [3] from the first camera to the second; None where there is no plane, one
-        explanation only, or too little parallax.
+        Rotation [3, 3] and unit translation [3] from the first camera to the second; None where there is no plane, or
+        one explanation only.
     """
     homography, _ = cv2.findHomography(one[:, :2], other[:, :2], cv2.RANSAC, near)
     if homography is None:
@@ -103,8 +109,6 @@ def explained(one: Floats, other: Floats, near: float, angle_deg: float) -> tupl
     if len(motions) < 2:
         return None
     (error, rotation, direction), (next_best, *_) = sorted(motions, key=lambda motion: motion[0])[:2]
-    if (_angles_deg(one, other, rotation) >= angle_deg).sum() < FEWEST:
-        return None
     return rotation, direction, next_best / max(error, 1e-12)
 
 

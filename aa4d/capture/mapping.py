@@ -25,6 +25,7 @@ MIN_FRAMES = 3  # with fewer, a model is not worth keeping
 MIN_POINTS = 30
 MIN_REGISTERED_FRACTION = 0.5  # fraction of the frames: with less, mapping is tried again with the relaxed thresholds
 OWN_CHOICE = "COLMAP's own choice"
+RICH_SHARE = 0.25  # of the observations of the richest: with less, a low error says little
 PARALLAX_DEG = 0.5  # median angle under which a point is seen; less is a camera that only turns
 
 
@@ -54,6 +55,10 @@ class Begun:
     @property
     def has_usual_focal(self) -> bool:
         return any(has_usual_focal(model) for model in self.models.values())
+
+    @property
+    def observations(self) -> int:
+        return int(_largest(self.models).compute_num_observations())
 
     def tried(self, clip: Clip) -> Tried:
         labels = {frame.file: frame.label for frame in clip.frames}
@@ -150,8 +155,8 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
     def map_part(database: Path, part: list[str], tries: Path) -> Any:
         tries.mkdir()
         best: dict[int, Any] = {}
-        for pair in beginnings(database, part, ATTEMPTS[0].point_angle_deg):
-            options = _options(how, ATTEMPTS[0], True, threads, seed)
+        for pair in beginnings(database, part):
+            options = _options(how, ATTEMPTS[0], True, threads, seed, pair)
             options.image_names = part
             models = _map(clip, database, options, pair, tries, progress)
             if _registered(models) > _registered(best):
@@ -162,8 +167,8 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
 
     def map_all(attempt: Attempt, solve_focal: bool, tries: Path) -> list[Begun]:
         found, matched = [], start.database if solve_focal else database
-        for pair in beginnings(matched, names, attempt.point_angle_deg):
-            options = _options(how, attempt, solve_focal, threads, seed)
+        for pair in beginnings(matched, names):
+            options = _options(how, attempt, solve_focal, threads, seed, pair)
             models = _map(clip, matched, options, pair, tries, progress)
             found += [Begun(pair, models)] if models else []
         return found
@@ -181,7 +186,12 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         if not found:
             continue
         tried = tuple(one.tried(clip) for one in found)
-        possible = [i for i, one in enumerate(found) if one.has_usual_focal or not solve_focal]
+        enough = RICH_SHARE * max(one.observations for one in found)
+        possible = [
+            i
+            for i, one in enumerate(found)
+            if (one.has_usual_focal or not solve_focal) and (one.observations >= enough)
+        ]
         chosen = possible[best_of([tried[i] for i in possible])]
         if _registered(found[chosen].models) > _registered(best):
             best, begun_from = found[chosen].models, (tried[chosen], *tried[:chosen], *tried[chosen + 1 :])
@@ -223,7 +233,9 @@ def _emptied(folder: Path) -> Path:
     return folder
 
 
-def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int) -> Any:
+def _options(
+    settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int, pair: Pair | None
+) -> Any:
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = threads
     options.random_seed = seed
@@ -236,8 +248,8 @@ def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, thre
     options.mapper.init_min_tri_angle = attempt.initial_angle_deg
     options.mapper.init_min_num_inliers = attempt.initial_inliers
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
-    options.mapper.filter_min_tri_angle = attempt.point_angle_deg
-    options.triangulation.min_angle = attempt.point_angle_deg
+    angle_deg = attempt.point_angle_deg if pair is None else min(pair.angle_deg, attempt.point_angle_deg)
+    options.mapper.filter_min_tri_angle = options.triangulation.min_angle = angle_deg
     return options
 
 
