@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ FLAT = ("PLANAR", *TURNING)
 MANY_SHARE = 0.3  # Share of the frames that show the horizon
 TILT_DEG = 6.0  # Angle of the ground against the horizon: roads climb by less
 STEEP_DEG = 30.0  # the same: no ground that is filmed from above slopes by so much
+OTHER_FOCAL = 0.15  # share by which frames may change the focal length that EXIF states
 FLAT_SHARE = 0.9  # fraction of the pairs: with more, next to nothing in the frames tells the focal length
 
 
@@ -90,6 +92,19 @@ def stated_field_of_view_advice(held: Tried, freed: Tried) -> list[Advice]:
         f"--fov {held.fov_deg:.3g} contradicts the frames: it explains them to {held.error_px:.2f} px, and "
         f"{freed.fov_deg:.0f} degrees would to {freed.error_px:.2f} px. Is it the camera's, horizontally and with "
         "this zoom? Without --fov it is found."
+    )
+    return [Advice(what)]
+
+
+def exif_advice(focal_share: float, focal_px: float, width: int, height: int) -> list[Advice]:
+    """Advice on frames that gave another focal length than EXIF's: a share of the longest side."""
+    stated_px = focal_share * max(width, height)
+    if abs(focal_px / stated_px - 1) <= OTHER_FOCAL:
+        return []
+    stated, found = (math.degrees(2 * math.atan(0.5 * width / px)) for px in (stated_px, focal_px))
+    what = (
+        f"EXIF says a field of view of {stated:.0f} degrees, and the frames gave {found:.0f}: all heights are doubtful. "
+        f"Give --fov {stated:.0f} to hold it, if the pictures are uncut."
     )
     return [Advice(what)]
 

@@ -15,6 +15,7 @@ from aa4d.capture.advice import (
     GOOD_ERROR_PX,
     Advice,
     advice,
+    exif_advice,
     field_of_view_advice,
     horizon_advice,
     standing_out_advice,
@@ -179,7 +180,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         movers=_movers(source, masks, second),
         notes=tuple(notes),
         advice=(
-            *_field_of_view_advice(source, clip, matches, cameras, settings, fov_deg),
+            *_field_of_view_advice(source, clip, matches, cameras, placement, settings, fov_deg),
             *_spacing_advice(spacing, placement, settings),
             *_quality_advice(clip, matches, cameras, placement, pictures, published, notes),
         ),
@@ -237,11 +238,20 @@ def _movers(source: Source, masks: Masks | None, second: SecondMasks | None) -> 
 
 
 def _field_of_view_advice(
-    source: Source, clip: Clip, matches: Matches | None, cameras: Cameras, settings: CaptureSettings, fov_deg: float
+    source: Source,
+    clip: Clip,
+    matches: Matches | None,
+    cameras: Cameras,
+    placement: Placement,
+    settings: CaptureSettings,
+    fov_deg: float,
 ) -> list[Advice]:
+    if source.focal_share is not None and settings.fov_deg is None:
+        camera = placement.cameras[0]
+        return exif_advice(source.focal_share, camera.mean_focal_length(), camera.width, camera.height)
     if cameras.freed:
         return stated_field_of_view_advice(*(Tried(**values) for values in cameras.freed))
-    if matches is None or source.posed is not None or stated_focal_px(settings.fov_deg, source.focal_share, clip):
+    if matches is None or source.posed is not None:
         return []
     start = cameras.start
     return field_of_view_advice(matches.geometry, fov_deg, cameras.focal_was_kept, rivals(start.tried, start.chosen))
