@@ -180,7 +180,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         movers=_movers(source, masks, second),
         notes=tuple(notes),
         advice=(
-            *_field_of_view_advice(source, clip, matches, cameras, placement, settings, fov_deg),
+            *_field_of_view_advice(source, matches, cameras, placement, settings, fov_deg),
             *_spacing_advice(spacing, placement, settings),
             *_quality_advice(clip, matches, cameras, placement, pictures, published, notes),
         ),
@@ -239,7 +239,6 @@ def _movers(source: Source, masks: Masks | None, second: SecondMasks | None) -> 
 
 def _field_of_view_advice(
     source: Source,
-    clip: Clip,
     matches: Matches | None,
     cameras: Cameras,
     placement: Placement,
