@@ -103,8 +103,8 @@ def exif_advice(focal_share: float, focal_px: float, width: int, height: int) ->
         return []
     stated, found = (math.degrees(2 * math.atan(0.5 * width / px)) for px in (stated_px, focal_px))
     what = (
-        f"EXIF says a field of view of {stated:.0f} degrees, and the frames gave {found:.0f}: heights are doubtful. Give "
-        f"--fov {stated:.0f} to hold it, if the pictures are uncut."
+        f"EXIF says a field of view of {stated:.0f} degrees, and the frames gave {found:.0f}: heights are doubtful. "
+        f"Give --fov {stated:.0f} to hold it, if the pictures are uncut."
     )
     return [Advice(what)]
 
