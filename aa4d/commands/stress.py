@@ -110,6 +110,7 @@ def search(searches: list[Search], seed: int, seconds: float) -> bool:
         console.print(f"  {finding.tried} inputs, worst error {finding.worst:.1e} of {its.bound:.0e}", highlight=False)
         if finding.example is not None:
             nothing = False
-            what = f"  FAIL {finding.reason or 'over its bound'}\n  the smallest input found, of tests/hard_cases/searches.py: "
+            console.print(f"  FAIL {finding.reason or 'over its bound'}", highlight=False, soft_wrap=True)
+            what = "  the smallest input found, of tests/hard_cases/searches.py: "
             console.print(f"{what}{its.error.__name__}({finding.example!r})", highlight=False, soft_wrap=True)
     return nothing
