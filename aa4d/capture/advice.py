@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,8 @@ TURNING = ("PANORAMIC", "PLANAR_OR_PANORAMIC")
 FLAT = ("PLANAR", *TURNING)
 MANY_SHARE = 0.3  # Share of the frames that show the horizon
 TILT_DEG = 6.0  # Angle of the ground against the horizon: roads climb by less
+STEEP_DEG = 30.0  # the same: no ground that is filmed from above slopes by so much
+OTHER_FOCAL = 0.15  # share by which frames may change the focal length that EXIF states
 FLAT_SHARE = 0.9  # fraction of the pairs: with more, next to nothing in the frames tells the focal length
 
 
@@ -33,7 +36,8 @@ def no_model_advice(geometry: dict[str, int], is_stated: bool) -> str:
     Args:
         is_stated: whether the field of view is what the user says.
     """
-    return _missing_from(geometry) + ("; or --fov is not the camera's: leave it out" if is_stated else "")
+    doubts = is_stated and sum(geometry.values()) > 0  # frames that do not match say nothing of it
+    return _missing_from(geometry) + ("; or --fov is not the camera's: leave it out" if doubts else "")
 
 
 def _missing_from(geometry: dict[str, int]) -> str:
@@ -86,8 +90,21 @@ def stated_field_of_view_advice(held: Tried, freed: Tried) -> list[Advice]:
         return []
     what = (
         f"--fov {held.fov_deg:.3g} contradicts the frames: it explains them to {held.error_px:.2f} px, and "
-        f"{freed.fov_deg:.0f} degrees would to {freed.error_px:.2f} px. Is it the camera's, across the longest side "
-        "and with this zoom? Without --fov it is found."
+        f"{freed.fov_deg:.0f} degrees would to {freed.error_px:.2f} px. Is it the camera's, horizontally and with "
+        "this zoom? Without --fov it is found."
+    )
+    return [Advice(what)]
+
+
+def exif_advice(focal_share: float, focal_px: float, width: int, height: int) -> list[Advice]:
+    """Advice on frames that gave another focal length than EXIF's: a share of the longest side."""
+    stated_px = focal_share * max(width, height)
+    if abs(focal_px / stated_px - 1) <= OTHER_FOCAL:
+        return []
+    stated, found = (math.degrees(2 * math.atan(0.5 * width / px)) for px in (stated_px, focal_px))
+    what = (
+        f"EXIF says a field of view of {stated:.0f} degrees, and the frames gave {found:.0f}: heights are doubtful. "
+        f"Give --fov {stated:.0f} to hold it, if the pictures are uncut."
     )
     return [Advice(what)]
 
@@ -110,15 +127,13 @@ def horizon_advice(horizon: Horizon | None, labels: list[str]) -> list[Advice]:
     seen = f"what looks like the horizon in {horizon.seen} of {len(labels)} frames"
     turned = f"turned against each other by up to {horizon.spread_deg:.0f} degrees"
     if len(horizon.apart) > MANY_SHARE * horizon.seen:
-        what = (
-            f"The cameras are wrong: by {seen}, they are {turned}. Give --fov, or use another part of the clip "
-            "(--start, --end)."
-        )
-        return [Advice(what, "An outline that is no horizon, such as the edge of a long roof, can be the reason.")]
+        return [_all_wrong(f"by {seen}, they are {turned}")]
     if horizon.apart:
         names = abbreviate([labels[i] for i in horizon.apart])
         what = f"{names}: by {seen}, these cameras and the others are {turned}. Leave them out (--start, --end)."
         return [Advice(what)]
+    if horizon.tilt_deg > STEEP_DEG:
+        return [_all_wrong(f"the ground that they make is {horizon.tilt_deg:.0f} degrees off {seen}")]
     if horizon.tilt_deg > TILT_DEG:
         what = (
             f"The world's up is {horizon.tilt_deg:.0f} degrees off {seen}: the ground slopes, or the field of view is "
@@ -126,6 +141,14 @@ def horizon_advice(horizon: Horizon | None, labels: list[str]) -> list[Advice]:
         )
         return [Advice(what)]
     return []
+
+
+def _all_wrong(because: str) -> Advice:
+    what = (
+        f"The cameras are wrong: {because}. Use a part of the clip in which the drone flies sideways or along an arc "
+        "(--start, --end), --preset accurate, or --fov if you know the camera's."
+    )
+    return Advice(what, "An outline that is no horizon, such as the edge of a long roof, can be the reason.")
 
 
 def advice(

@@ -53,7 +53,7 @@ class Tried:
     """What a part of the clip came to from one start."""
 
     start: str  # in words
-    fov_deg: float  # that was found, across the longest side
+    fov_deg: float  # that was found, horizontal
     frames: int  # that were placed
     error_px: float  # mean of the observations
 
@@ -102,25 +102,27 @@ def find_start(
     part = probed_frames(names, settings.window)
     if camera.has_prior_focal_length or len(part) < FEWEST_PROBED:
         return Start(database)
-    usual_deg = _degrees(camera)
+    usual = f"{_degrees(camera.width, camera.mean_focal_length()):.0f} degrees"
     tried: list[Tried] = []
     models: list[Any] = []
 
     def keep(start: str, model: Any) -> None:
         if model is not None and has_usual_focal(model):
-            tried.append(_as_tried(start, model))
+            tried.append(as_tried(start, model))
             models.append(model)
 
-    keep(f"{usual_deg:.0f} degrees", map_part(database, part, folder / "start-usual"))
+    keep(usual, map_part(database, part, folder / "start-usual"))
     keep(GLOBAL, map_globally(database, images, part, seed, threads, folder / "start-global"))
     if len(tried) < 2 or not _agree(*tried):
         for degrees in STARTS_DEG:
-            other = with_focal(database, _focal_px(camera, degrees), folder / f"start-{degrees:.0f}.db")
-            keep(f"{degrees:.0f} degrees", map_part(other, part, folder / f"start-{degrees:.0f}"))
+            focal_px = 0.5 * max(camera.width, camera.height) / math.tan(math.radians(degrees) / 2)
+            tries = folder / f"start-{degrees:.0f}"
+            model = map_part(with_focal(database, focal_px, tries.with_suffix(".db")), part, tries)
+            keep(f"{_degrees(camera.width, focal_px):.0f} degrees", model)
     if not tried:
         return Start(database)
     chosen = best_of(tried)
-    if tried[chosen].start == f"{usual_deg:.0f} degrees":
+    if tried[chosen].start == usual:
         return Start(database, tuple(tried), len(part), chosen)
     focal_px = next(iter(models[chosen].cameras.values())).mean_focal_length()
     return Start(with_focal(database, focal_px, folder / "start.db"), tuple(tried), len(part), chosen)
@@ -157,14 +159,18 @@ def rivals(tried: tuple[Tried, ...], chosen: int) -> list[Tried]:
 
 def held_and_freed(model: Any, threads: int) -> tuple[Tried, Tried]:
     """A model that was mapped with a stated focal length, and what bundle adjustment finds once that is free."""
-    copy = pycolmap.Reconstruction(model)
+    copy, whole = pycolmap.Reconstruction(model), pycolmap.BundleAdjustmentConfig()
+    for image in copy.reg_image_ids():
+        whole.add_image(image)
+    whole.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = options.refine_extra_params = True
     options.print_summary = False
     options.ceres.solver_options.num_threads = threads
-    pycolmap.bundle_adjustment(copy, options)
+    # Not pycolmap.bundle_adjustment, which writes to COLMAP's log and turns that on for good.
+    pycolmap.create_default_bundle_adjuster(options, whole, copy).solve()
     copy.update_point_3d_errors()
-    return _as_tried(HELD, model), _as_tried(FREED, copy)
+    return as_tried(HELD, model), as_tried(FREED, copy)
 
 
 def contradicts(held: Tried, freed: Tried) -> bool:
@@ -172,9 +178,9 @@ def contradicts(held: Tried, freed: Tried) -> bool:
     return abs(freed.fov_deg / held.fov_deg - 1) > 2 * AGREEMENT and freed.error_px <= CLEARLY * held.error_px
 
 
-def _as_tried(start: str, model: Any) -> Tried:
-    error = float(model.compute_mean_reprojection_error())
-    return Tried(start, _degrees(next(iter(model.cameras.values()))), model.num_reg_images(), error)
+def as_tried(start: str, model: Any) -> Tried:
+    error, camera = float(model.compute_mean_reprojection_error()), next(iter(model.cameras.values()))
+    return Tried(start, _degrees(camera.width, camera.mean_focal_length()), model.num_reg_images(), error)
 
 
 def _agree(one: Tried, other: Tried) -> bool:
@@ -219,9 +225,5 @@ def with_focal(database: Path, focal_px: float, target: Path) -> Path:
     return target
 
 
-def _degrees(camera: Any) -> float:
-    return math.degrees(2 * math.atan(0.5 * max(camera.width, camera.height) / camera.mean_focal_length()))
-
-
-def _focal_px(camera: Any, degrees: float) -> float:
-    return 0.5 * max(camera.width, camera.height) / math.tan(math.radians(degrees) / 2)
+def _degrees(width: int, focal_px: float) -> float:
+    return math.degrees(2 * math.atan(0.5 * width / focal_px))

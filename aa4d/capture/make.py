@@ -15,6 +15,7 @@ from aa4d.capture.advice import (
     GOOD_ERROR_PX,
     Advice,
     advice,
+    exif_advice,
     field_of_view_advice,
     horizon_advice,
     standing_out_advice,
@@ -120,6 +121,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     spacing = _spacing(source, settings, workspace)
     clip = workspace.run(frames_step(source, _selection(settings, spacing)))
     given = None if source.posed is None else source.posed.of_clip(clip)
+    looks_again = settings.movers != "off" and source.annotations is None
     masks = workspace.run(movers_step(clip, source.annotations)) if settings.movers != "off" else None
     overlay = workspace.run(overlay_step(clip)) if settings.overlay == "leave-out" else None
     matches = _matches(source, clip, masks, overlay, settings, workspace)
@@ -140,6 +142,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         ),
         *([] if spacing is None else spacing.notes),
         *([] if masks is None else masks.notes),
+        *([] if looks_again or settings.movers != "twice" else ["--movers twice adds nothing: boxes say what moves"]),
         *cameras.notes(clip),
         *placement.world.notes,
     ]
@@ -147,7 +150,6 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
     pictures = workspace.run(
         pictures_step(clip, placement.ranks, placement.cameras, placement.pinhole, masks, settings.size_px)
     )
-    looks_again = masks is not None and source.annotations is None
     adds = settings.movers == "twice"
     second = workspace.run(second_look_step(placement, pictures, adds)) if looks_again else None
     boxes = None if source.annotations is None else placement.boxes(source.annotations, clip)
@@ -178,7 +180,7 @@ def _make(path: Path, out: Path, settings: CaptureSettings, source: Source, work
         movers=_movers(source, masks, second),
         notes=tuple(notes),
         advice=(
-            *_field_of_view_advice(source, clip, matches, cameras, settings, fov_deg),
+            *_field_of_view_advice(source, matches, cameras, placement, settings, fov_deg),
             *_spacing_advice(spacing, placement, settings),
             *_quality_advice(clip, matches, cameras, placement, pictures, published, notes),
         ),
@@ -236,11 +238,19 @@ def _movers(source: Source, masks: Masks | None, second: SecondMasks | None) -> 
 
 
 def _field_of_view_advice(
-    source: Source, clip: Clip, matches: Matches | None, cameras: Cameras, settings: CaptureSettings, fov_deg: float
+    source: Source,
+    matches: Matches | None,
+    cameras: Cameras,
+    placement: Placement,
+    settings: CaptureSettings,
+    fov_deg: float,
 ) -> list[Advice]:
+    if source.focal_share is not None and settings.fov_deg is None:
+        camera = placement.cameras[0]
+        return exif_advice(source.focal_share, camera.mean_focal_length(), camera.width, camera.height)
     if cameras.freed:
         return stated_field_of_view_advice(*(Tried(**values) for values in cameras.freed))
-    if matches is None or source.posed is not None or stated_focal_px(settings.fov_deg, source.focal_share, clip):
+    if matches is None or source.posed is not None:
         return []
     start = cameras.start
     return field_of_view_advice(matches.geometry, fov_deg, cameras.focal_was_kept, rivals(start.tried, start.chosen))

@@ -11,9 +11,10 @@ import numpy as np
 import pycolmap
 
 from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
+from aa4d.capture.beginning import FLAT_SHARE, Pair, beginnings, begun
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import is_whole_model, quiet, run, write_model
-from aa4d.capture.focal import Start, Tried, find_start, held_and_freed
+from aa4d.capture.focal import NEARLY_ALL, Start, Tried, as_tried, best_of, find_start, held_and_freed
 from aa4d.capture.matching import Matches
 from aa4d.capture.selection import abbreviate
 from aa4d.capture.settings import CaptureSettings, Reconstruction
@@ -23,6 +24,8 @@ from aa4d.errors import InputError
 MIN_FRAMES = 3  # with fewer, a model is not worth keeping
 MIN_POINTS = 30
 MIN_REGISTERED_FRACTION = 0.5  # fraction of the frames: with less, mapping is tried again with the relaxed thresholds
+OWN_CHOICE = "COLMAP's own choice"
+RICH_SHARE = 0.25  # of the observations of the richest: with less, a low error says little
 PARALLAX_DEG = 0.5  # median angle under which a point is seen; less is a camera that only turns
 
 
@@ -43,6 +46,27 @@ MIN_FOCAL, MAX_FOCAL = 0.42, 4.0
 
 
 @dataclass(frozen=True)
+class Begun:
+    """What mapping came to from a pair of frames."""
+
+    pair: Pair | None  # None: COLMAP's own choice
+    models: dict[int, Any]
+
+    @property
+    def has_usual_focal(self) -> bool:
+        return any(has_usual_focal(model) for model in self.models.values())
+
+    @property
+    def observations(self) -> int:
+        return int(_largest(self.models).compute_num_observations())
+
+    def tried(self, clip: Clip) -> Tried:
+        labels = {frame.file: frame.label for frame in clip.frames}
+        name = OWN_CHOICE if self.pair is None else " and ".join(labels[file] for file in self.pair.files)
+        return as_tried(name, _largest(self.models))
+
+
+@dataclass(frozen=True)
 class Cameras(StepResult):
     """A COLMAP model of the clip's frames. Frames are named by their ranks in the clip."""
 
@@ -55,6 +79,7 @@ class Cameras(StepResult):
     probed: int = 0  # frames of that part
     chosen: int = 0  # of `tried`, whose focal length the whole clip was mapped from
     freed: tuple[dict[str, Any], ...] = ()  # `Tried` of a stated focal length, and of the same model with that free
+    begun_from: tuple[dict[str, Any], ...] = ()  # `Tried` of each pair that mapping began with, the one used first
 
     @property
     def start(self) -> Start:
@@ -70,6 +95,9 @@ class Cameras(StepResult):
     def notes(self, clip: Clip) -> list[str]:
         """Notes on what the model leaves out: frames without a pose, and the other models."""
         said = self.start.notes()
+        if len(self.begun_from) > 1 and self.begun_from[0]["start"] != OWN_CHOICE:
+            tried = "; ".join(str(Tried(**values)) for values in self.begun_from)
+            said.append(f"most pairs of frames show one plane: mapping began with {tried}; used is the first")
         if self.attempts > 1:
             a = ATTEMPTS[self.attempts - 1]
             said.append(
@@ -94,7 +122,7 @@ def solve_step(clip: Clip, matches: Matches, settings: CaptureSettings) -> Step[
     how = settings.reconstruction
     return Step(
         "cameras",
-        [how.global_refinements, how.grown_by, settings.seed],
+        [how.global_refinements, how.grown_by, settings.seed, FLAT_SHARE],
         lambda *place: reconstruct(clip, matches, settings, *place),
         Cameras,
     )
@@ -120,15 +148,30 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
     focal_is_known = settings.fov_deg is not None
     database, geometry = matches.database, matches.geometry
     best: dict[int, Any] = {}
+    begun_from: tuple[Tried, ...] = ()
     number, solve_focal = 0, not focal_is_known
     names = [frame.file for frame in clip.frames]
 
     def map_part(database: Path, part: list[str], tries: Path) -> Any:
         tries.mkdir()
-        options = _options(how, ATTEMPTS[0], True, threads, seed)
-        options.image_names = part
-        found = _map(clip, database, options, tries, progress)
-        return max(found.values(), key=lambda m: m.num_reg_images(), default=None)
+        best: dict[int, Any] = {}
+        for pair in beginnings(database, part):
+            options = _options(how, ATTEMPTS[0], True, threads, seed, pair)
+            options.image_names = part
+            models = _map(clip, database, options, pair, tries, progress)
+            if _registered(models) > _registered(best):
+                best = models
+            if _registered(best) >= NEARLY_ALL * len(part):
+                break
+        return _largest(best) if best else None
+
+    def map_all(attempt: Attempt, solve_focal: bool, tries: Path) -> list[Begun]:
+        found, matched = [], start.database if solve_focal else database
+        for pair in beginnings(matched, names):
+            options = _options(how, attempt, solve_focal, threads, seed, pair)
+            models = _map(clip, matched, options, pair, tries, progress)
+            found += [Begun(pair, models)] if models else []
+        return found
 
     probes = _emptied(folder / "starts")
     start = Start(database)
@@ -136,13 +179,19 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         start = find_start(database, clip.folder, names, how, seed, threads, probes, map_part, has_usual_focal)
     for number, attempt in enumerate(ATTEMPTS):
         tries = _emptied(folder / f"attempt-{number}")
-        solving = _options(how, attempt, solve_focal, threads, seed)
-        models = _map(clip, start.database if solve_focal else database, solving, tries, progress)
-        if solve_focal and models and not any(has_usual_focal(m) for m in models.values()):
+        found = map_all(attempt, solve_focal, tries)
+        if solve_focal and found and not any(one.has_usual_focal for one in found):
             solve_focal = False
-            models = _map(clip, database, _options(how, attempt, solve_focal, threads, seed), tries, progress)
-        if _registered(models) > _registered(best):
-            best = models
+            found = map_all(attempt, solve_focal, tries)
+        if not found:
+            continue
+        tried = tuple(one.tried(clip) for one in found)
+        usable = [i for i, one in enumerate(found) if one.has_usual_focal or not solve_focal]
+        enough = RICH_SHARE * max(found[i].observations for i in usable)
+        possible = [i for i in usable if found[i].observations >= enough]
+        chosen = possible[best_of([tried[i] for i in possible])]
+        if _registered(found[chosen].models) > _registered(best):
+            best, begun_from = found[chosen].models, (tried[chosen], *tried[:chosen], *tried[chosen + 1 :])
         if _registered(best) >= MIN_REGISTERED_FRACTION * len(names):
             break
     if not best:
@@ -171,6 +220,7 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
         probed=start.probed,
         chosen=start.chosen,
         freed=tuple(asdict(t) for t in freed),
+        begun_from=tuple(asdict(t) for t in begun_from),
     )
 
 
@@ -180,7 +230,9 @@ def _emptied(folder: Path) -> Path:
     return folder
 
 
-def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int) -> Any:
+def _options(
+    settings: Reconstruction, attempt: Attempt, solve_focal: bool, threads: int, seed: int, pair: Pair | None
+) -> Any:
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = threads
     options.random_seed = seed
@@ -193,12 +245,15 @@ def _options(settings: Reconstruction, attempt: Attempt, solve_focal: bool, thre
     options.mapper.init_min_tri_angle = attempt.initial_angle_deg
     options.mapper.init_min_num_inliers = attempt.initial_inliers
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
-    options.mapper.filter_min_tri_angle = attempt.point_angle_deg
-    options.triangulation.min_angle = attempt.point_angle_deg
+    angle_deg = attempt.point_angle_deg if pair is None else min(pair.angle_deg, attempt.point_angle_deg)
+    options.mapper.filter_min_tri_angle = options.triangulation.min_angle = angle_deg
     return options
 
 
-def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progress) -> dict[int, Any]:
+def _map(
+    clip: Clip, matches: Path, options: Any, pair: Pair | None, folder: Path, progress: Progress
+) -> dict[int, Any]:
+    """Models by COLMAP's numbers for them, begun with `pair` or, where that is None, with the pair that it chooses."""
     registered = [0]
 
     def next_image() -> None:
@@ -206,9 +261,25 @@ def _map(clip: Clip, matches: Path, options: Any, folder: Path, progress: Progre
 
     # The random numbers of RANSAC are drawn from one generator for all of COLMAP.
     pycolmap.set_random_seed(max(options.random_seed, 0))
+    first = ""
+    if pair is not None:
+        first = str(_emptied(folder / "begun"))
+        two = run(
+            lambda token: pycolmap.triangulate_points(
+                begun(pair, matches), matches, clip.folder, first, options=options, cancellation_token=token
+            ),
+            folder,
+        )
+        write_model(two, Path(first))
     found: dict[int, Any] = run(
         lambda token: pycolmap.incremental_mapping(
-            matches, clip.folder, folder, options, next_image_callback=next_image, cancellation_token=token
+            matches,
+            clip.folder,
+            folder,
+            options,
+            input_path=first,
+            next_image_callback=next_image,
+            cancellation_token=token,
         ),
         folder,
         lambda: progress(min(registered[0] + 2 if registered[0] else 0, len(clip.frames)), len(clip.frames)),
@@ -224,8 +295,12 @@ def has_usual_focal(model: Any) -> bool:
     )
 
 
+def _largest(models: dict[int, Any]) -> Any:
+    return max(models.values(), key=lambda m: m.num_reg_images())
+
+
 def _registered(models: dict[int, Any]) -> int:
-    return max((m.num_reg_images() for m in models.values()), default=0)
+    return _largest(models).num_reg_images() if models else 0
 
 
 def _ranks(model: Any, names: list[str]) -> list[int]:

@@ -8,7 +8,7 @@ similarity fits anything somehow, at a scale that means nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -100,11 +100,18 @@ def find_world(
             # Few positions are fitted the closer the more of their 3 N numbers the similarity's 7 take up.
             freedom = float(np.sqrt(1 - 7 / (3 * len(known))))
             if error_m <= MAX_GNSS_ERROR * freedom * extent_m:
-                return world
+                return replace(world, notes=_unused(altitude_m, world.to_world.scale * distance))
             notes.append(
                 f"the satellite positions are not used: they contradict the cameras, by {error_m:.3g} m "
                 f"(median, where they lie {extent_m:.3g} m from their middle); are they of this flight?"
             )
+        else:
+            notes.append(
+                f"the satellite positions are not used: the flight spans {spans[0]:.1f} m by them, and they are good "
+                f"to some metres; {MIN_SPAN_M:g} m and more would give scale and up"
+            )
+    elif known:
+        notes.append(f"satellite positions are not used: {len(known)} of {len(positions)} frames have one, too few")
     scale = (1.0 if altitude_m is None else altitude_m) / distance
     placed = level.then(Similarity(scale, np.eye(3), np.zeros(3)))
     return World(
@@ -122,12 +129,21 @@ def find_world(
 
 def kept_world(viewmats: Floats, points: Floats, source: str, is_metric: bool, altitude_m: float | None) -> World:
     """The world of cameras that were given with one; `source` names it. An altitude gives a scale where it has none."""
+    distance = viewing_distance(viewmats, points)
     scale, unit, scale_from = 1.0, "metres", f"{source}; capture.json says that it is in metres"
     if altitude_m is not None and not is_metric:
-        scale, scale_from = altitude_m / viewing_distance(viewmats, points), stated(altitude_m)
+        scale, scale_from = altitude_m / distance, stated(altitude_m)
     elif not is_metric:
         unit, scale_from = "unit", f"{source}; nothing says what its unit is"
-    return World(Similarity(scale, np.eye(3), np.zeros(3)), unit, scale_from, source, None, None)
+    notes = _unused(altitude_m, distance) if is_metric else ()
+    return World(Similarity(scale, np.eye(3), np.zeros(3)), unit, scale_from, source, None, None, notes)
+
+
+def _unused(altitude_m: float | None, distance_m: float) -> tuple[str, ...]:
+    """A note where an altitude was stated, and the scale is known without."""
+    if altitude_m is None:
+        return ()
+    return (f"--altitude {altitude_m:g} is not used: the scale is known, by which that distance is {distance_m:.3g} m",)
 
 
 def stated(altitude_m: float) -> str:

@@ -92,8 +92,8 @@ def overlay_note(files: list[Path]) -> str | None:
     if still is None:
         return None
     return (
-        f"{NOTED} ({', '.join(_places(still))}) while the camera moves, as an on-screen display does: it is learned as "
-        "part of the scene; record without it, cut it off, or use --overlay leave-out"
+        f"{NOTED} ({', '.join(_places(still))}) while the camera moves, as an on-screen display does, or what is very "
+        "far away; a display is learned as part of the scene: record without it, cut it off, or use --overlay leave-out"
     )
 
 

@@ -94,12 +94,10 @@ def make_clip(
             break
         kept.append(candidate)
         progress(done, total)
-    for reason, rejected in (
-        ("of another size than most", _other_sizes(kept)),
-        ("repeat the frame before", _repeated(kept, selection.duplicate_below)),
-        ("blurred", _blurred(kept, selection.blurred_below)),
-    ):
-        _reject(kept, rejected, reason, folder, notes)
+    _reject(kept, _other_sizes(kept), "of another size than most", folder, notes)
+    _reject(kept, _repeated(kept, selection.duplicate_below), "repeat the frame before", folder, notes)
+    _reject(kept, _copies(kept), "copies of an earlier frame", folder, notes)
+    _reject(kept, _blurred(kept, selection.blurred_below), "blurred", folder, notes)
     if len(kept) < MIN_FRAMES:
         raise InputError(_too_few(kept, notes))
     if (note := overlay_note([folder / c.file for c in kept])) is not None:
@@ -203,6 +201,12 @@ def _repeated(kept: list[Candidate], below: float) -> list[int]:
         else:
             last = candidate.thumbnail
     return rejected
+
+
+def _copies(kept: list[Candidate]) -> list[int]:
+    """The same pictures once more, as in a folder with copies under other names: the clip would play twice."""
+    first: dict[bytes, int] = {}
+    return [i for i, candidate in enumerate(kept) if first.setdefault(candidate.thumbnail.tobytes(), i) != i]
 
 
 def _blurred(kept: list[Candidate], below: float) -> list[int]:

@@ -114,6 +114,9 @@ def search(searches: list[Search], seed: int, seconds: float) -> bool:
             say(f"  {finding.tried} inputs, worst error {finding.worst:.1e} of {its.bound:.0e}")
             if finding.example is not None:
                 nothing = False
-                what = f"  FAIL {finding.reason}\n  the smallest input found, of tests/hard_cases/searches.py: "
-                say(f"{what}{its.error.__name__}({finding.example!r})")
+                say(f"  FAIL {finding.reason or 'over its bound'}")
+                say(
+                    "  the smallest input found, of tests/hard_cases/searches.py: "
+                    f"{its.error.__name__}({finding.example!r})"
+                )
     return nothing

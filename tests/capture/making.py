@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from aa4d.capture.clip import Clip
 from aa4d.capture.make import make_capture
 from aa4d.capture.orientation import umeyama
 from aa4d.capture.reader import read_capture
 from aa4d.capture.settings import PRESETS, CaptureSettings, Selection
 from aa4d.capture.summary import CaptureSummary
-from aa4d.capture.workspace import Progress
+from aa4d.capture.workspace import Progress, Workspace
 
 QUICK = replace(PRESETS["fast"], features=800, longest_px=320, window=3, keyframes=4)
 
@@ -34,6 +35,13 @@ class Watch:
 
 def make(source: Path, out: Path, settings: CaptureSettings = SETTINGS, watch: Watch | None = None) -> CaptureSummary:
     return make_capture(source, out, settings, None, watch or Watch())
+
+
+def clip_of(made: CaptureSummary) -> Clip:
+    """The frames that a capture was made from."""
+    clip = Workspace(made.folder / "work", Watch()).earlier("frames", Clip)
+    assert clip is not None
+    return clip
 
 
 def pose_errors(folder: Path, truth: list[np.ndarray]) -> tuple[float, float]:

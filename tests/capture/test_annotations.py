@@ -183,7 +183,8 @@ def test_visdrone_layout_masks_the_boxes(tmp_path: Path) -> None:
     (tmp_path / "val/annotations").mkdir()
     rows = "".join(f"{i},0,{30 * i},100,40,30,1,4,0,0\n" for i in range(1, 6))
     (tmp_path / "val/annotations/uav0001.txt").write_text(rows)
-    made = make_capture(frames, tmp_path / "capture", SETTINGS, None, silent)
+    made = make_capture(frames, tmp_path / "capture", replace(SETTINGS, movers="twice"), None, silent)
+    assert "--movers twice adds nothing: boxes say what moves" in made.notes
     document = json.loads((made.folder / "capture.json").read_text())
     assert document["generator"]["movers"] == "boxes (VisDrone)"
     told = re.fullmatch(r"boxes \(VisDrone\), ([0-9.]+) % of the pixels masked", made.movers)

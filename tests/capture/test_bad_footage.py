@@ -171,6 +171,22 @@ def test_photographs_that_are_made_smaller_keep_their_focal_length(tmp_path: Pat
     assert open_source(aerial.write(tmp_path / "frames", IMAGES[:3]), Selection(), None).focal_share is None
 
 
+def test_photographs_of_another_focal_length_than_most_are_left_out(tmp_path: Path) -> None:
+    """A zoom, or another camera: frames of one lens are reconstructed."""
+    source = tmp_path / "photographs"
+    source.mkdir()
+    for i, image in enumerate(IMAGES):
+        exif = Image.Exif()
+        if i != 8:  # one that says nothing is taken for one of most
+            exif.get_ifd(0x8769)[0xA405] = 50 if i in (0, 3) else 28  # focal length in 35 mm film
+        Image.fromarray(image).save(source / f"{i}.jpg", quality=95, exif=exif)
+    opened = open_source(source, Selection(source_fps=10.0), None)
+    assert opened.focal_share == pytest.approx(28 / 35, rel=0.05)
+    assert [file.name for file in opened.files] == [f"{i}.jpg" for i in (1, 2, 4, 5, 6, 7, 8)]
+    assert opened.notes == ["0.jpg, 3.jpg left out: EXIF's focal length is not that of most"]
+    assert opened.times_s() == pytest.approx([0, 0.1, 0.3, 0.4, 0.5, 0.6, 0.7])
+
+
 def test_a_video_without_its_index_is_refused(tmp_path: Path) -> None:
     video = write_video(tmp_path / "broken.mp4", IMAGES, [i / 10 for i in range(9)])
     cut_short(video, 0.7)
@@ -214,11 +230,12 @@ def test_files_that_are_no_pictures_and_damaged_ones(tmp_path: Path) -> None:
     source = aerial.write(tmp_path / "frames", IMAGES)
     (source / "notes.txt").write_text("x")
     (source / "Thumbs.db").write_bytes(b"x")
+    (source / "frame_0009.png").symlink_to("nowhere.png")
     damaged = source / "frame_0004.png"
     damaged.write_bytes(damaged.read_bytes()[:500])
     clip = clip_of(source, tmp_path / "clip")
     assert len(clip.frames) == 8
-    assert any("Thumbs.db, notes.txt left out: no picture" in note for note in clip.notes)
+    assert any("Thumbs.db, frame_0009.png, notes.txt left out: no picture" in note for note in clip.notes)
     assert any("frame_0004.png left out" in note for note in clip.notes)
 
 
@@ -288,6 +305,29 @@ def test_identical_frames(tmp_path: Path) -> None:
         clip_of(aerial.write(tmp_path / "still", [IMAGES[0]] * 6), tmp_path / "clip")
 
 
+def test_copies_under_other_names_are_left_out(tmp_path: Path) -> None:
+    source = aerial.write(tmp_path / "frames", IMAGES)
+    for i, image in enumerate(IMAGES):
+        aerial.write_one(source / f"Copy of frame_{i:04}.png", image)
+    clip = clip_of(source, tmp_path / "clip")
+    assert [frame.label for frame in clip.frames] == [f"Copy of frame_{i:04}.png" for i in range(9)]
+    assert any("left out: copies of an earlier frame" in note for note in clip.notes)
+
+
+def test_what_is_left_out_is_named_whatever_was_before_it(tmp_path: Path) -> None:
+    """One frame of another size, one twice, one once more at the end, one blurred: each by its own reason."""
+    images = [*IMAGES, IMAGES[1]]
+    images[0], images[3], images[6] = images[0][::2, ::2], images[2], blurred(images[6], 4)
+    clip = clip_of(aerial.write(tmp_path / "frames", images), tmp_path / "clip")
+    assert clip.notes == (
+        "frame_0000.png left out: of another size than most",
+        "frame_0003.png left out: repeat the frame before",
+        "frame_0009.png left out: copies of an earlier frame",
+        "frame_0006.png left out: blurred",
+    )
+    assert [frame.label for frame in clip.frames] == [f"frame_{i:04}.png" for i in (1, 2, 4, 5, 7, 8)]
+
+
 def blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
 
@@ -338,6 +378,10 @@ def test_a_rate_and_subtitles_that_say_nothing_are_told(tmp_path: Path) -> None:
         "--fps 77 is ignored: a video says its own times",
         "a.SRT holds no usable position and is not used",
     ]
+    later = "1\n00:01:40,000 --> 00:01:41,000\n[latitude: 52.5] [longitude: 13.4]\n"
+    video.with_suffix(".SRT").write_text(later)
+    (note,) = clip_of(video, tmp_path / "clip").notes
+    assert note.startswith("the positions in a.SRT are of 100.0 s to 100.0 s, the video ends at 0.8 s: they are not")
     video.with_suffix(".SRT").unlink()
     assert open_source(video, Selection(), None).notes == []
 
@@ -355,7 +399,7 @@ def test_names_without_numbers_go_by_the_alphabet(tmp_path: Path) -> None:
         aerial.write_one(source / f"{name}.png", image)
     clip = clip_of(source, tmp_path / "clip")
     assert [f.label for f in clip.frames] == ["a.png", "b.png", "c.png", "d.png"]
-    assert any("file names without numbers" in note for note in clip.notes)
+    assert any("file names do not number the frames" in note for note in clip.notes)
 
 
 def test_a_gap_in_the_numbers_is_a_gap_in_time(tmp_path: Path) -> None:

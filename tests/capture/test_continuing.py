@@ -18,14 +18,13 @@ import pycolmap
 import pytest
 
 from aa4d.capture import colmap
-from aa4d.capture.clip import Clip, ClipFrame
 from aa4d.capture.reader import read_capture, read_images
 from aa4d.capture.settings import Selection
 from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.workspace import Progress
 from aa4d.errors import InputError
 from tests.capture import aerial
-from tests.capture.making import QUICK, SETTINGS, Watch, make, pose_errors
+from tests.capture.making import QUICK, SETTINGS, Watch, clip_of, make, pose_errors
 
 
 def test_nothing_is_done_twice(made: CaptureSummary, flight: Path) -> None:
@@ -189,11 +188,8 @@ def test_features_go_on_in_the_middle(made: CaptureSummary, tmp_path: Path) -> N
 
     from aa4d.capture import features
 
-    work = made.folder / "work/frames"
-    files = sorted(p.name for p in work.glob("*.png"))
-    frames = tuple(ClipFrame(file, file, i / 10, i, 1.0, None) for i, file in enumerate(files))
-    whole = Clip(work, aerial.WIDTH, aerial.HEIGHT, (aerial.WIDTH, aerial.HEIGHT), frames, ())
-    features.extract(replace(whole, frames=frames[:3]), None, QUICK, None, 1, tmp_path, lambda *_: None)
+    whole = clip_of(made)
+    features.extract(replace(whole, frames=whole.frames[:3]), None, QUICK, None, 1, tmp_path, lambda *_: None)
     with pycolmap.Database.open(tmp_path / "database.db") as database:
         before = {i.name: database.read_keypoints(i.image_id) for i in database.read_all_images()}
     found = features.extract(whole, None, QUICK, None, 1, tmp_path, lambda *_: None)
@@ -204,4 +200,4 @@ def test_features_go_on_in_the_middle(made: CaptureSummary, tmp_path: Path) -> N
         for image in database.read_all_images():
             if image.name in before:
                 assert np.array_equal(database.read_keypoints(image.image_id), before[image.name])
-    assert set(before) == set(files[:3])
+    assert set(before) == {frame.file for frame in whole.frames[:3]}

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aa4d.capture.advice import field_of_view_advice, no_model_advice
+from aa4d.capture.advice import exif_advice, field_of_view_advice, no_model_advice
 from aa4d.capture.focal import map_globally
 from aa4d.capture.summary import CaptureSummary
 from tests.capture import aerial
@@ -48,9 +48,17 @@ def test_the_field_of_view_is_doubted_where_the_frames_do_not_tell_it() -> None:
     assert "The 64 degrees that are the usual ones, taken because the frames gave impossible ones, can" in line.why
 
 
+def test_frames_that_give_another_focal_length_than_exif_s_are_doubted() -> None:
+    assert exif_advice(0.8, 1100, 1280, 720) == []
+    (line,) = exif_advice(0.8, 2300, 1280, 720)
+    assert line.what.startswith("EXIF says a field of view of 64 degrees, and the frames gave 31: ")
+    assert "Give --fov 64" in line.what
+
+
 def test_a_wrong_field_of_view_is_suspected_where_nothing_comes_out() -> None:
     assert "--fov" not in no_model_advice({"CALIBRATED": 9}, False)
     assert no_model_advice({"CALIBRATED": 9}, True).endswith("or --fov is not the camera's: leave it out")
+    assert "--fov" not in no_model_advice({}, True)  # frames without a match say nothing of it
 
 
 def test_the_field_of_view_is_found(made: CaptureSummary) -> None:

@@ -107,6 +107,14 @@ def test_where_the_usual_start_is_as_good_nothing_changes(tmp_path: Path, monkey
     assert start.notes() == []
 
 
+def test_degrees_are_horizontal_in_an_upright_clip_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As --fov is: what is 60 degrees across 1280 pixels of height is 36 across 720 of width."""
+    monkeypatch.setattr(f"{__name__}.WIDTH", 720)
+    monkeypatch.setattr(f"{__name__}.HEIGHT", 1280)
+    start = start_of(tmp_path, monkeypatch, {64: (36.0, 0.5)}, None)
+    assert [str(tried) for tried in start.tried] == ["64 degrees: 36 degrees, 20 frames, 0.50 px"]
+
+
 @pytest.mark.parametrize("stated", [True, False])
 def test_a_stated_focal_length_and_impossible_ones_are_no_question(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stated: bool

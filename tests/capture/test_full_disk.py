@@ -16,12 +16,12 @@ import pycolmap
 import pytest
 
 from aa4d.capture import colmap
-from aa4d.capture.clip import Clip, ClipFrame
 from aa4d.capture.focal import map_globally
 from aa4d.capture.mapping import adopt_step
 from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.workspace import Workspace
 from aa4d.errors import InputError
+from tests.capture.making import clip_of
 
 
 def test_a_disk_that_fills_while_a_stage_runs_stops_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -64,10 +64,7 @@ def test_a_database_that_finds_no_room_beside_itself_is_a_full_disk(
 def test_a_model_that_could_not_be_written_is_noticed_and_the_same_command_heals(
     made: CaptureSummary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, left: int
 ) -> None:
-
-    model = pycolmap.Reconstruction(made.folder / "work/cameras/model")
-    frames = tuple(ClipFrame(model.image(i).name, "", 0.0, 0, 1.0, None) for i in model.reg_image_ids())
-    clip = Clip(tmp_path, 320, 240, (320, 240), frames, ())
+    model, clip = pycolmap.Reconstruction(made.folder / "work/cameras/model"), clip_of(made)
 
     def adopted() -> Any:
         return Workspace(tmp_path / "work", lambda *_: lambda *_: None).run(adopt_step(clip, model))
@@ -83,7 +80,7 @@ def test_a_model_that_could_not_be_written_is_noticed_and_the_same_command_heals
         adopted()
     monkeypatch.undo()
     whole = adopted()
-    assert whole.read().num_reg_images() == len(frames)
+    assert whole.read().num_reg_images() == len(clip.frames)
     # As an earlier version left it: recorded as done.
     (whole.folder / "model" / file).write_bytes(b"")
     record = json.loads((whole.folder / "done.json").read_text())

@@ -138,6 +138,9 @@ def test_a_world_that_is_not_upright_is_told(flight: Flight) -> None:
     assert found is not None
     assert found.tilt_deg == pytest.approx(9, abs=0.2)
     assert "9 degrees off" in horizon_advice(found, list("0123456789"))[0].what
+    steep = replace(found, tilt_deg=87.0)
+    said = horizon_advice(steep, list("0123456789"))[0].what
+    assert said.startswith("The cameras are wrong: the ground that they make is 87 degrees off what looks like the")
     level = replace(found, tilt_deg=5.0)
     assert horizon_advice(level, list("0123456789")) == [], "ground may slope"
 

@@ -169,6 +169,17 @@ def test_positions_that_contradict_the_cameras_are_not_used(frames: int, noise_m
         assert placed[150:, 2].std() * 20 / world.to_world.scale < 0.1
 
 
+def test_an_altitude_beside_satellite_positions_is_not_used_which_is_told() -> None:
+    viewmats = aerial.arc(12, 170)
+    cameras, points, _ = tilted(viewmats, ground())
+    world = find_world(cameras, points, fixes(viewmats, 0.3), 500.0, 0)
+    distance = viewing_distance(np.array(viewmats), ground())
+    assert world.to_world.scale == pytest.approx(20.0, rel=0.03)
+    (note,) = world.notes
+    assert note.startswith("--altitude 500 is not used: the scale is known, by which that distance is ")
+    assert float(note.split()[-2]) == pytest.approx(distance, rel=0.03)
+
+
 def test_on_a_straight_flight_the_ground_says_where_up_is() -> None:
     viewmats = [
         aerial.look(np.array([x, -8.0, aerial.ALTITUDE_M]), np.array([x, 1.5, 0.0])) for x in np.linspace(-30, 30, 10)
@@ -192,7 +203,12 @@ def test_without_satellites_the_ground_is_level_and_the_unit_is_no_metre() -> No
     assert placed[:150, 2].min() > 0
     # Half the fixes within some metres of each other: too short a flight to measure a scale with.
     near = [None if p is None else Position(50.0, 8.0, 100.0) for p in fixes(viewmats, 0)]
-    assert find_world(cameras, points, near, None, 0).unit == "unit"
+    world = find_world(cameras, points, near, None, 0)
+    assert world.unit == "unit"
+    assert "satellite positions are not used: the flight spans 0.0 m by them" in world.notes[0]
+    # So many have a fix that the rest of the flight could be anywhere.
+    world = find_world(cameras, points, [*fixes(viewmats, 0)[:2], *[None] * 7], None, 0)
+    assert world.notes == ("satellite positions are not used: 2 of 9 frames have one, too few",)
 
 
 def test_a_kept_world_is_scaled_by_an_altitude_only_where_it_has_no_unit() -> None:
@@ -207,6 +223,7 @@ def test_a_kept_world_is_scaled_by_an_altitude_only_where_it_has_no_unit() -> No
     ):
         world = kept_world(viewmats, points, "transforms.json", is_metric, altitude_m)
         assert (world.to_world.scale, world.unit) == (pytest.approx(scale), unit)
+        assert ("--altitude 84 is not used" in "".join(world.notes)) == (is_metric and altitude_m is not None)
         assert np.array_equal(world.to_world.rotation, np.eye(3))
 
 

@@ -18,9 +18,10 @@ from safetensors.numpy import load_file
 
 DAMAGED = "damaged"
 NEVER_EMPTY = (".png", ".json", ".ply", ".mp4", ".glb", ".spz", ".usdc", ".npz")
-# Of files that say how long something took or when it was made.
+# Of files that say how long something took or when it was made; `total_mib` of one in which that has its digits.
 TIMES = re.compile(
-    r"(setup|load|picture|truth|clip)_s$|seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes|^frames/s$"
+    r"(setup|load|picture|truth|clip)_s$|seconds|date|_ms$|fps_|^fps$|memory|threads|cost|load|created|stopped|minutes"
+    r"|^frames/s$|^total_mib$"
 )
 # Of the record of a task and of a trial's row: when files were made, and digests, which times are in.
 RECORDS = (frozenset({"files", "sum", "made_from"}), frozenset({"sum", "model"}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from datetime import datetime
 from functools import partial
 from itertools import groupby, pairwise
@@ -23,6 +24,9 @@ from aa4d.errors import InputError
 
 EXIF_OF_PHOTOGRAPH = 0x8769
 DATE_TIME_ORIGINAL = 0x9003
+MAKE_AND_MODEL = (0x010F, 0x0110)
+FOCAL_LENGTHS = (0x920A, 0xA405)  # in mm, and in those of 35-mm film
+SAME_FOCAL = 0.02  # share by which focal lengths of one lens differ at most, as it is focused
 SUBSECOND_ORIGINAL = 0x9291
 
 
@@ -32,14 +36,15 @@ def recognises(path: Path) -> bool:
 
 def open_source(path: Path, selection: Selection, annotations: Path | None) -> Source:
     """Frames in the order of their numbers, or of their names where one has none, unless EXIF knows better."""
-    found = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
-    files = [p for p in found if p.suffix.lower() in EXTENSIONS]
+    found = sorted(p for p in path.iterdir() if not (p.is_dir() or p.name.startswith(".")))
+    files = [p for p in found if p.is_file() and p.suffix.lower() in EXTENSIONS]
     notes = []
-    others = [shown(p) for p in found if p.suffix.lower() not in EXTENSIONS]
+    others = [shown(p) for p in found if p not in files]
     if others:
         notes.append(f"{abbreviate(others)} left out: no picture")
     if not files:
         raise InputError(f"{path}: holds no picture ({', '.join(EXTENSIONS)}); give the folder that holds the frames")
+    files, focal_share = of_one_lens(files, notes)
     files, numbers = in_order(files)
     times = times_of(files, numbers, selection, notes)
     pictures = [
@@ -47,8 +52,37 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
         for i, (file, time_s) in enumerate(zip(files, times, strict=True))
     ]
     read = None if annotations is None else read_annotations(annotations, numbers)
-    focal_share = _focal_share(files[0])
     return Source("frames", pictures, lambda: times, tuple(files), notes, read, focal_share=focal_share)
+
+
+def of_one_lens(files: list[Path], notes: list[str]) -> tuple[list[Path], float | None]:
+    """The files without those of which EXIF states another focal length than of most, which `notes` name.
+
+    And that focal length over the longest side; None where EXIF says nothing.
+    """
+    lenses = [_lens(file) for file in files]
+    shares = {lens: _focal_share(files[lenses.index(lens)]) for lens in set(lenses) - {None}}
+    stated = [shares.get(lens) for lens in lenses]
+    usual, _ = Counter(share for share in stated if share is not None).most_common(1)[0] if any(stated) else (None, 0)
+    others = [i for i, share in enumerate(stated) if share and usual and abs(share / usual - 1) > SAME_FOCAL]
+    if others:
+        names = abbreviate([shown(files[i]) for i in others])
+        notes.append(f"{names} left out: EXIF's focal length is not that of most")
+    return [file for i, file in enumerate(files) if i not in others], usual
+
+
+def _lens(photograph: Path) -> tuple[str, ...] | None:
+    """What EXIF says of the camera and its focal length; None where it says nothing of the latter."""
+    try:
+        with Image.open(photograph) as image:
+            exif = image.getexif()
+        inner = exif.get_ifd(EXIF_OF_PHOTOGRAPH)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return None
+    lengths = [inner.get(tag) for tag in FOCAL_LENGTHS]
+    if not any(lengths):
+        return None
+    return tuple(str(value) for value in (*(exif.get(tag) for tag in MAKE_AND_MODEL), *lengths, *image.size))
 
 
 def _focal_share(photograph: Path) -> float | None:
@@ -113,7 +147,7 @@ def times_of(files: list[Path], numbers: list[int] | None, selection: Selection,
         notes.append("times are EXIF's, when the photographs were taken; --fps states another rate")
         return _spread(taken)
     if numbers is None:
-        notes.append("file names without numbers: their alphabetical order is taken for that of time")
+        notes.append("the file names do not number the frames: their alphabetical order is taken for that of time")
     if numbers is None or has_begun_anew:
         return [i / selection.folder_fps for i in range(len(files))]
     return [(n - numbers[0]) / selection.folder_fps for n in numbers]

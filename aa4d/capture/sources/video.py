@@ -40,10 +40,21 @@ def open_source(path: Path, selection: Selection, annotations: Path | None) -> S
     if subtitles is not None and track is None:
         notes.append(f"{subtitles.name} holds no usable position and is not used")
     files = (path,) if subtitles is None else (path, subtitles)
+
+    @cache
+    def times_s() -> list[float]:
+        shown = index().times_s
+        if subtitles is not None and track is not None and not any(track.at(time_s) for time_s in shown):
+            notes.append(
+                f"the positions in {subtitles.name} are of {track.time_s[0]:.1f} s to {track.time_s[-1]:.1f} s, the "
+                f"video ends at {shown[-1]:.1f} s: they are not used; is the file this video's?"
+            )
+        return shown
+
     return Source(
         "video",
         _frames(path, selection.start_s, track, index, notes),
-        lambda: index().times_s,
+        times_s,
         files,
         notes,
         again=lambda start_s: _frames(path, start_s, track, index, []),
