@@ -21,7 +21,7 @@ TRAINED_PICTURE, SOFTNESS, HARMONICS = "Trained Picture", "Softness", "Harmonics
 LOOKS = {
     materials.POINTS: "Spheres of the size of what they stand for; the fastest",
     materials.DISCS: "Opaque discs across the thinnest direction of the Gaussians",
-    materials.GAUSSIANS: "Ellipsoids with the exact Gaussian falloff",
+    materials.GAUSSIANS: "Ellipsoids with the exact Gaussian falloff; in the trained picture, what aa4d render draws",
 }
 if SPLATS_KNOWN:
     LOOKS[materials.SPLATS] = "Gaussians that Blender draws itself, as a point cloud of splats: the fastest of them"

@@ -72,6 +72,16 @@ def bpy(extension: str) -> Any:
 
 
 @pytest.fixture
+def native(bpy: Any) -> Any:
+    """A Blender that draws splats itself."""
+    if not hasattr(bpy.types, "GeometryNodePointsSetType"):
+        pytest.skip(
+            f"needs Blender 5.3 or later, this is {bpy.app.version_string}; test_addon_other_blenders.py runs it"
+        )
+    return bpy
+
+
+@pytest.fixture
 def model_path(tmp_path: Path) -> Path:
     """A small model of five frames, in a folder called crossing."""
     folder = tmp_path / "crossing"

@@ -76,6 +76,14 @@ def drawn(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
     return {name: attribute(cloud, name) for name in names}
 
 
+def splats_of(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
+    """The splats that the look makes of the points: every attribute."""
+    geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+    cloud = geometry.pointcloud
+    assert cloud.type == "GAUSSIAN_SPLAT"
+    return {a.name: attribute(cloud, a.name) for a in cloud.attributes if a.data_type in WIDTHS}
+
+
 def srgb(linear: np.ndarray) -> np.ndarray:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
 

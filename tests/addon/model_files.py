@@ -118,6 +118,19 @@ def make_model(
     return tensors, information
 
 
+def make_single(frames: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """A model of one large opaque Gaussian, grey unless told otherwise, in the middle of a small picture."""
+    tensors, information = make_model(1, frames, stage="coarse")
+    for name, tensor in tensors.items():
+        if name.startswith("decoder_"):
+            tensors[name] = np.zeros_like(tensor)
+    tensors["decoder_opacity.output.bias"][:] = 10
+    tensors["decoder_covariance.output.bias"].reshape(3, 7)[:, 3] = 1
+    tensors["anchors.position"][:] = tensors["anchors.offset"][:] = tensors["anchors.log_scale"][:] = 0
+    information["camera"] = {"model": "PINHOLE", "width": 96, "height": 54, "K": [[80, 0, 48], [0, 80, 27], [0, 0, 1]]}
+    return tensors, information
+
+
 def add_groups(
     tensors: dict[str, np.ndarray],
     information: dict[str, Any],

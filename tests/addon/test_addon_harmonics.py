@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driving import attribute, go_to, imported, render, set_input, srgb
-from model_files import look_at, make_model, write_model
+from driving import go_to, imported, render, set_input, splats_of, srgb
+from model_files import look_at, make_model, make_single, write_model
 
 from addon import affine, harmonics, names
 from addon.carriers import color_errors, evaluate
@@ -79,21 +79,9 @@ def test_harmonics_turn_with_what_turns_the_points() -> None:
     np.testing.assert_allclose(seen(after, sides @ turn.T), seen(values, sides), atol=1e-5)
 
 
-@pytest.fixture
-def native(bpy: Any) -> Any:
-    """A Blender that has splats of its own."""
-    if not hasattr(bpy.types, "GeometryNodePointsSetType"):
-        pytest.skip(
-            f"needs Blender 5.3 or later, this is {bpy.app.version_string}; test_addon_other_blenders.py runs it"
-        )
-    return bpy
-
-
-def cloud_of(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
+def radiance_of(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
     """Every attribute of the splats that says what colour they have."""
-    geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
-    cloud = geometry.pointcloud
-    return {a.name: attribute(cloud, a.name) for a in cloud.attributes if a.name.startswith("radiance:")}
+    return {name: values for name, values in splats_of(bpy, obj).items() if name.startswith("radiance:")}
 
 
 @pytest.mark.parametrize("baked", [False, True])
@@ -103,7 +91,7 @@ def test_splats_hold_the_harmonics_of_each_frame(native: Any, extension: str, tm
     field, seen = prepare(read_model(path)), []
     for frame in (1, 6, 12):
         go_to(native, frame)
-        splats = cloud_of(native, obj)
+        splats = radiance_of(native, obj)
         assert set(splats) == {"radiance:base", *(f"radiance:sh_{index}" for index in range(8))}
         t = field.model.time_of_rank(frame - 1)
         wanted = (*names.SHAPE, *names.HARMONICS[:9])
@@ -116,9 +104,9 @@ def test_splats_hold_the_harmonics_of_each_frame(native: Any, extension: str, tm
         seen.append(splats["radiance:sh_0"])
     assert np.abs(seen[0] - seen[2]).max() > 0.01
     set_input(extension, obj, LOOK, "Colour By", "Opacity")
-    assert not cloud_of(native, obj)["radiance:sh_0"].any()
+    assert not radiance_of(native, obj)["radiance:sh_0"].any()
     set_input(extension, obj, LOOK, "Harmonics", 0)
-    assert set(cloud_of(native, obj)) == {"radiance:base"}
+    assert set(radiance_of(native, obj)) == {"radiance:base"}
 
 
 def test_errors_of_harmonics_are_stated(native: Any, extension: str, tmp_path: Path, capfd: Any) -> None:
@@ -138,17 +126,10 @@ def test_errors_of_harmonics_are_stated(native: Any, extension: str, tmp_path: P
 
 def two_sided(folder: Path) -> Path:
     """One opaque Gaussian that is redder the further east it is seen from, filmed from all around."""
-    tensors, information = make_model(1, 24, stage="coarse")
-    for name, tensor in tensors.items():
-        if name.startswith("decoder_"):
-            tensors[name] = np.zeros_like(tensor)
-    tensors["decoder_opacity.output.bias"][:] = 10
-    tensors["decoder_covariance.output.bias"].reshape(3, 7)[:, 3] = 1
+    tensors, information = make_single(24)
     tensors["decoder_color.hidden.weight"][:2, -3] = [1, -1]  # of the direction's x: relu(x), relu(-x)
     tensors["decoder_color.output.weight"].reshape(3, 3, -1)[:, 0, :2] = [-1.2, 1.2]
     tensors["decoder_color.output.bias"][:] = np.tile([0.0, 0.6, -0.8], 3)
-    tensors["anchors.position"][:] = tensors["anchors.offset"][:] = tensors["anchors.log_scale"][:] = 0
-    information["camera"] = {"model": "PINHOLE", "width": 96, "height": 54, "K": [[80, 0, 48], [0, 80, 27], [0, 0, 1]]}
     for number, frame in enumerate(information["frames"]):
         frame["viewmat"] = look_at(eye_at(number / 24), MIDDLE).tolist()
     return write_model(folder / "model.safetensors", tensors, information)

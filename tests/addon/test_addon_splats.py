@@ -6,30 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driving import attribute, go_to, imported, played, render, set_input, srgb
-from model_files import make_model, write_model
+from driving import attribute, go_to, imported, played, render, set_input, splats_of, srgb
+from model_files import make_model, make_single, write_model
 
 LOOK, TIME = "AdaAnchor4D", "AdaAnchor4D Time"
 SPLATS = "Native Splats"
 SH_0 = 0.28209479177387814
-
-
-@pytest.fixture
-def native(bpy: Any) -> Any:
-    """A Blender that has them."""
-    if not hasattr(bpy.types, "GeometryNodePointsSetType"):
-        pytest.skip(
-            f"needs Blender 5.3 or later, this is {bpy.app.version_string}; test_addon_other_blenders.py runs it"
-        )
-    return bpy
-
-
-def cloud_of(bpy: Any, obj: Any) -> dict[str, np.ndarray]:
-    """What the look makes of the points."""
-    geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
-    cloud = geometry.pointcloud
-    assert cloud.type == "GAUSSIAN_SPLAT"
-    return {name: attribute(cloud, name) for name in ("position", "scale", "rotation", "radiance:base", "aa_id")}
 
 
 @pytest.mark.parametrize("baked", [False, True])
@@ -43,7 +25,7 @@ def test_splats_are_the_gaussians_of_the_model(native: Any, extension: str, mode
     for frame in frames:
         obj.modifiers[LOOK].show_viewport = True
         go_to(native, frame)
-        splats, points = cloud_of(native, obj), played(native, obj)
+        splats, points = splats_of(native, obj), played(native, obj)
         np.testing.assert_allclose(splats["position"], points["position"], atol=1e-5)
         shown = points["aa_opacity"] >= 0.05
         assert 0 < shown.sum() < len(shown)
@@ -63,32 +45,21 @@ def test_splats_of_vehicles_are_painted_and_hidden(native: Any, extension: str, 
     path = write_model(tmp_path / "model.safetensors", *make_model(60, 5, groups=2))
     world = imported(native, path, carrier="GAUSSIANS")
     car = next(child for child in world.children if child.name.startswith("car 1") and child.type == "MESH")
-    before = cloud_of(native, car)["radiance:base"]
+    before = splats_of(native, car)["radiance:base"]
     set_input(extension, car, LOOK, "Paint Strength", 1.0)
-    assert np.abs(cloud_of(native, car)["radiance:base"] - before).max() > 0.1
-    assert set(cloud_of(native, car)["aa_id"]).isdisjoint(cloud_of(native, world)["aa_id"])
+    assert np.abs(splats_of(native, car)["radiance:base"] - before).max() > 0.1
+    assert set(splats_of(native, car)["aa_id"]).isdisjoint(splats_of(native, world)["aa_id"])
 
 
 def test_splats_show_the_colour_of_the_model(native: Any, tmp_path: Path) -> None:
     """One large opaque Gaussian in the middle of the picture, within 3/255, and its row in the pass of rows."""
     color = np.array([0.8, 0.35, 0.1])
-    imported(native, opaque_model(tmp_path, color), carrier="GAUSSIANS", set_up_scene=True)
+    tensors, information = make_single(1)
+    tensors["decoder_color.output.bias"][:] = np.tile(np.log(color / (1 - color)), 3)
+    path = write_model(tmp_path / "model.safetensors", tensors, information)
+    imported(native, path, carrier="GAUSSIANS", set_up_scene=True)
     pixels = render(native, tmp_path / "picture.png", samples=64)
     np.testing.assert_allclose(pixels[27, 48, :3], color, atol=3 / 255)
-
-
-def opaque_model(folder: Path, color: np.ndarray) -> Path:
-    tensors, information = make_model(1, 1, stage="coarse")
-    for name, tensor in tensors.items():
-        if name.startswith("decoder_"):
-            tensors[name] = np.zeros_like(tensor)
-    tensors["decoder_opacity.output.bias"][:] = 10
-    tensors["decoder_color.output.bias"][:] = np.tile(np.log(color / (1 - color)), 3)
-    tensors["decoder_covariance.output.bias"].reshape(3, 7)[:, 3] = 1
-    tensors["anchors.position"][:] = tensors["anchors.offset"][:] = 0
-    tensors["anchors.log_scale"][:] = 0
-    information["camera"] = {"model": "PINHOLE", "width": 96, "height": 54, "K": [[80, 0, 48], [0, 80, 27], [0, 0, 1]]}
-    return write_model(folder / "model.safetensors", tensors, information)
 
 
 def test_softness_widens_by_the_filter_of_the_training(bpy: Any, model_path: Path) -> None:

@@ -3,7 +3,7 @@ import bpy
 op = bpy.context.active_operator
 
 op.carrier = "GAUSSIANS"
-op.look = "AUTOMATIC"
+op.look = "Gaussians"
 op.view = "CAPTURE"
 op.import_camera = True
 op.background_frames = False
