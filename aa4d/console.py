@@ -110,9 +110,9 @@ class GraphBar:
     def __call__(self, event: Event) -> None:
         self._remaining(event)
         if isinstance(event, Finished) and event.before:
-            self._before += 1
-        else:
-            self.tell_what_was()
+            self._before += 1  # hundreds of them: what is left is foretold once they are over
+            return
+        self.tell_what_was()
         if isinstance(event, Said):
             self._line(f"{event.task.title}: {event.text}")
         elif isinstance(event, Finished) and not event.before:
@@ -121,13 +121,17 @@ class GraphBar:
             self._ended(event.task.title, f"{psnr:.2f} dB" if isinstance(psnr, float) else took)
         elif isinstance(event, Failed) and event.because is None:
             self._ended(event.task.title, event.sentence)
-        self._bar.update(self._task, completed=self._remaining.share, state=self._state())
+        self._update()
 
     def tell_what_was(self) -> None:
         """How many tasks were found done, once."""
         if self._before:
             self._line(f"{self._before} of {counted(self._remaining.total, 'task')} done before")
             self._before = 0
+            self._update()
+
+    def _update(self) -> None:
+        self._bar.update(self._task, completed=self._remaining.share, state=self._state())
 
     def _ended(self, title: str, sentence: str) -> None:
         line = f"{self._remaining.done}/{self._remaining.total}  {title}: {sentence}"

@@ -45,10 +45,11 @@ class Store:
         if task.place is not None:
             return self.root / task.place
         ending = f"-{task.digest[:SHORT]}"
-        found = next(iter(sorted((self.root / task.kind).glob(f"*{ending}.json"))), None)
-        if found is not None:
-            return found.with_suffix("")
-        return self.root / task.kind / (re.sub(r"[^A-Za-z0-9.+_-]+", "-", task.name).strip("-.")[:80] + ending)
+        usual = self.root / task.kind / (re.sub(r"[^A-Za-z0-9.+_-]+", "-", task.name).strip("-.")[:80] + ending)
+        if usual.with_name(f"{usual.name}.json").exists():
+            return usual
+        found = min((self.root / task.kind).glob(f"*{ending}.json"), default=None)  # made under another name
+        return usual if found is None else found.with_suffix("")
 
     def record_path(self, task: Task, ending: str = ".json") -> Path:
         """Of the record of a task's result, or of what is remembered of an interrupted try."""
