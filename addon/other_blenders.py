@@ -21,11 +21,7 @@ def welcome(*_: object) -> None:
         if look is None or obj.library is not None or obj.override_library is not None:
             continue
         if node_groups.lacks_splats(look.node_group):
-            kept = modifiers.values_of(look)
-            look.node_group = node_groups.look_group()
-            for name, value in kept.items():
-                if modifiers.values_of(look)[name] != value:
-                    modifiers.put(look, name, value)
+            node_groups.renew(look)
             older.append(obj.name)
         elif is_replaced(look):
             splats.append(obj.name)

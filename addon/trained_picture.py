@@ -5,6 +5,7 @@ without a view transform; a pixel is what lies at its center, and nothing is smo
 import bpy
 
 from . import looks, materials, modifiers, names, parts, playback
+from .looks import node_groups
 from .scene import has_cycles
 
 # What the scene needs, by where it stands; what was there before is kept under the last word.
@@ -71,6 +72,8 @@ def follow(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
     look = modifiers.of(obj, names.LOOK_MODIFIER)
     if look is None or not modifiers.has(look, looks.TRAINED_PICTURE):
         return
+    if is_on(scene) and node_groups.is_older(look.node_group):  # before version 9 Gaussians stayed ellipsoids
+        node_groups.renew(look)
     modifiers.put(look, looks.TRAINED_PICTURE, is_on(scene))
     usual = (looks.USUAL_OPACITY, materials.FAINTEST)
     before, after = usual if is_on(scene) else reversed(usual)

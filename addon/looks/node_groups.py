@@ -4,9 +4,9 @@ import re
 
 import bpy
 
-from .. import materials, names
+from .. import materials, modifiers, names
 from ..node_tree import Tree, socket, versioned_group
-from . import EDITION, LIT, LOOK, LOOKS, SIZE, SPLATS_KNOWN, TRAINED_PICTURE
+from . import EDITION, LIT, LOOK, LOOKS, SIZE, SPLATS_KNOWN, TRAINED_PICTURE, VERSION
 from .colors import color_choice, colored
 from .discs import discs
 from .filters import shown
@@ -77,3 +77,18 @@ def lacks_splats(group: bpy.types.NodeTree) -> bool:
     """Whether it is a look without splats, of this version or an older one, where this Blender has them."""
     label = str(group.get(names.VERSION_PROPERTY))
     return SPLATS_KNOWN and re.fullmatch(rf"{NAME} \d+", label) is not None and not group.library
+
+
+def is_older(group: bpy.types.NodeTree) -> bool:
+    """Whether it is a look of an older version of this extension."""
+    label = re.fullmatch(rf"{NAME} (\d+)( with splats)?", str(group.get(names.VERSION_PROPERTY)))
+    return label is not None and int(label[1]) < VERSION and not group.library
+
+
+def renew(look: bpy.types.Modifier) -> None:
+    """Give a look modifier the group of this version; the values of its inputs stay."""
+    kept = modifiers.values_of(look)
+    look.node_group = look_group()
+    for name, value in kept.items():
+        if modifiers.values_of(look)[name] != value:
+            modifiers.put(look, name, value)

@@ -40,20 +40,28 @@ def discs(tree: Tree, geometry: Any, shown: Any, view: View, softness: Any, size
     across, up = (_row(tree, view, axis, tree.math("DIVIDE", side, back)) for axis, side in enumerate((x, y)))
     filter_width = tree.math("MULTIPLY", back, softness)
     filtered = tree.math("MULTIPLY", filter_width, filter_width)
-    wide = tree.math("ADD", _dot(tree, across, across), filtered)
-    both = _dot(tree, across, up)
+    wide, tall, both = (_dot(tree, *rows) for rows in ((across, across), (up, up), (across, up)))
     turned = tree.vector("CROSS_PRODUCT", across, up)
-    trace = tree.math("ADD", _dot(tree, across, across), _dot(tree, up, up))
+    trace = tree.math("ADD", wide, tall)
     determinant = tree.math("MULTIPLY_ADD", filtered, tree.math("ADD", trace, filtered), _dot(tree, turned, turned))
-    # The covariance's Cholesky factor takes the circle to the ellipse. `reach` is where alpha is the faintest.
+    # The ellipse's axes, of which each takes a radius of the disc to it: any other root of the covariance would do, but
+    # of two columns that are not perpendicular to each other, Cycles finds the plane with a larger error.
+    half = tree.math("MULTIPLY", tree.math("SUBTRACT", wide, tall), 0.5)
+    mean = tree.math("MULTIPLY_ADD", trace, 0.5, filtered)
+    spread = tree.math("SQRT", tree.math("MULTIPLY_ADD", half, half, tree.math("MULTIPLY", both, both)))
+    largest = tree.math("ADD", mean, spread)
+    angle = tree.math("MULTIPLY", tree.math("ARCTAN2", both, half), 0.5)
+    cosine, sine = tree.math("COSINE", angle), tree.math("SINE", angle)
+    # `reach` is where alpha is the faintest, in deviations.
     reach = tree.math("LOGARITHM", tree.math("DIVIDE", opacity, materials.FAINTEST), math.e)
     reach = tree.math("MULTIPLY", tree.math("SQRT", tree.math("MULTIPLY", reach, 2.0)), size)
-    first = tree.math("SQRT", wide)
-    over = tree.math("DIVIDE", reach, first)
+    long = tree.math("MULTIPLY", reach, tree.math("SQRT", largest))
+    short = tree.math("MULTIPLY", reach, tree.math("SQRT", tree.math("DIVIDE", determinant, largest)))
     columns = {
-        "Column 1 Row 1": tree.math("MULTIPLY", reach, first),
-        "Column 1 Row 2": tree.math("MULTIPLY", both, over),
-        "Column 2 Row 2": tree.math("MULTIPLY", tree.math("SQRT", determinant), over),
+        "Column 1 Row 1": tree.math("MULTIPLY", long, cosine),
+        "Column 1 Row 2": tree.math("MULTIPLY", long, sine),
+        "Column 2 Row 1": tree.math("MULTIPLY", tree.math("MULTIPLY", short, -1.0), sine),
+        "Column 2 Row 2": tree.math("MULTIPLY", short, cosine),
         "Column 4 Row 1": x,
         "Column 4 Row 2": y,
         "Column 4 Row 3": back,

@@ -100,6 +100,19 @@ def test_what_an_older_version_kept_is_restored(bpy: Any, stack: Path) -> None:
     assert (scene.view_settings.view_transform, scene.render.dither_intensity) == ("Filmic", pytest.approx(0.7))
 
 
+def test_look_of_an_older_version_is_renewed_with_its_settings(bpy: Any, extension: str, stack: Path) -> None:
+    obj = imported(bpy, stack, look="Gaussians", set_up_scene=True)
+    set_input(extension, obj, LOOK, "Size", 2.0)
+    current = obj.modifiers[LOOK].node_group
+    older = current.copy()
+    older["aa_version"] = current["aa_version"].replace("Look 9", "Look 8")
+    obj.modifiers[LOOK].node_group = older
+    bpy.ops.aa4d.trained_picture()
+    assert obj.modifiers[LOOK].node_group == current
+    settings = inputs_of(extension, obj)
+    assert (settings["Size"], settings["Look"], settings["Trained Picture"]) == (2.0, "Gaussians", True)
+
+
 def inputs_of(extension: str, obj: Any) -> dict[str, Any]:
     return importlib.import_module(f"{extension}.modifiers").values_of(obj.modifiers[LOOK])
 
