@@ -37,7 +37,7 @@ def test_help_teaches(command: tuple[str, ...]) -> None:
         (("render", "absent"), "no such model file"),
         (("report", "absent"), "absent: no such folder; name a run, an experiment or a comparison"),
         (("report", __file__), "test_cli.py: is a file; name the folder that holds it"),
-        (("view", "absent"), "no such model file"),
+        (("view", "absent"), "absent: no such folder; name that of a run"),
         (("view",), "name at least one run"),
         (("export", "absent"), "no such model file"),
         (("render", __file__), "test_cli.py: is a file; name the folder of the run"),

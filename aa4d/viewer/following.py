@@ -70,6 +70,8 @@ class Followed:
 
     def _newest(self) -> tuple[LoadedModel, str]:
         model, checkpoint = self.folder / MODEL, self.folder / CHECKPOINT
+        if not self.folder.exists():
+            raise InputError(f"{self.folder}: no such folder; name that of a run, made by `aa4d train`")
         if not model.exists() and not checkpoint.exists():
             if (self.folder / SETTINGS).exists():
                 raise InputError(f"{self.folder}: its training has written no checkpoint yet; wait for the first one")

@@ -44,6 +44,7 @@ class Page:
     server: Server
     drawing: Drawing
     _seats: dict[int, Seat] = field(default_factory=dict)
+    _troubles: dict[int, str] = field(default_factory=dict)  # by the number of a model
     _texts_at: float = 0.0
     _scale: Scale | None = None  # that the panel explains
     # Controls: mypy takes values that can be set for read-only, as viser writes them.
@@ -85,11 +86,17 @@ class Page:
     def replace(self, index: int, shown: Shown) -> None:
         """A model has changed on disk."""
         self.drawing.replace(index, shown)
+        self._troubles.pop(index, None)
         for seat in self._seats.values() if index == 0 else ():
             seat.ride = Ride(shown)
         self._title.content = self._about()
         if self._layer.options != self._layers():  # what begins to move has more of them
             self._layer.options = self._layers()
+
+    def warn(self, index: int, trouble: str) -> None:
+        """What is on disk of a model can no longer be read."""
+        self._troubles[index] = trouble
+        self._title.content = self._about()
 
     # The panel.
 
@@ -159,9 +166,11 @@ class Page:
 
     def _about(self) -> str:
         lines = []
-        for shown in self.drawing.shown:
+        for index, shown in enumerate(self.drawing.shown):
             method, units = title_of(shown.loaded.method), len(shown.loaded.model)
             lines.append(f"**{shown.name}**: {method}, {units:,} units; {shown.state}")
+            if index in self._troubles:
+                lines.append(self._troubles[index])
         return "\n\n".join(lines)
 
     # What a person does.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -23,6 +23,7 @@ SCALE_VIEWS = 5  # frames, evenly over the clip, that a colour scale is measured
 SCALE_WIDTH = 160  # pixels
 ERROR_SCALE = (0.0, 0.25)
 GAP_PX = 2  # between models side by side
+NO_TRACKS = "tracks: not over a difference"
 LETTER = 1 / 28  # height of a label, of the window's
 
 LAYER_NAMES: tuple[str, ...] = (*NAMES, *OF_FOOTAGE)
@@ -82,8 +83,9 @@ class Painter:
         whole = Cell(0, 0, width, height)
         scale = self.scale(shown, wanted)
         if wanted.arrangement == DIFFERENCE:
-            one, other = (drawn(its, wanted, whole) for its in chosen[:2])
-            notes = one.notes + other.notes
+            bare = replace(wanted, ribbons=False)
+            one, other = (drawn(its, bare, whole) for its in chosen[:2])
+            notes = one.notes + other.notes + ((NO_TRACKS,) if wanted.ribbons else ())
             assert scale is not None
             return Picture(scale.colored(difference(one, other)), scale, notes)
         if wanted.arrangement == ONE:

@@ -14,7 +14,7 @@ from aa4d.interrupts import StopRequest, stop_requests
 from aa4d.viewer.drawing import Drawing
 from aa4d.viewer.following import Followed
 from aa4d.viewer.page import Page
-from aa4d.viewer.server import serve
+from aa4d.viewer.server import check_free, serve
 from aa4d.viewer.shown import Shown
 
 SECONDS_BETWEEN_LOOKS = 1.0  # at the files of a run
@@ -32,6 +32,7 @@ def view(runs: list[Path], capture: Path | None, host: str, port: int, say: Call
         InputError: a run has no model or a damaged one, two are of different captures, or nothing can listen there.
     """
     followed = [Followed(run, capture) for run in runs]
+    check_free(host, port)  # before models are loaded, which takes longer
     with stop_requests() as stop_requested:
         shown = tuple(run.load() for run in followed)
         check_one_capture(shown)
@@ -73,8 +74,10 @@ def _follow(followed: list[Followed], page: Page, stop_requested: StopRequest, s
                 if (shown := run.news()) is not None:
                     page.replace(index, shown)
                     say(f"{shown.name}: {shown.state}")
-            except InputError as error:  # the model that is shown stays
-                say(str(error))
+            except InputError as error:
+                trouble = f"{error}; the page keeps what it showed"
+                page.warn(index, trouble)
+                say(trouble)
         looked = time.monotonic()
 
 

@@ -10,6 +10,8 @@ import viser
 
 from aa4d.errors import InputError
 
+LARGEST_PORT = 65535
+
 
 class Server(viser.ViserServer):
     """Without viser's tunnel: no page that finds this one can ask for it to be put on the internet."""
@@ -23,17 +25,20 @@ def serve(host: str, port: int) -> Server:
     Raises:
         InputError: nothing can listen there.
     """
-    _check_free(host, port)  # viser would take the next free port, and say so in passing
+    check_free(host, port)  # viser would take the next free port, and say so in passing
     with contextlib.redirect_stdout(io.StringIO()):
         return Server(host=host, port=port, label="aa4d view", verbose=False)
 
 
-def _check_free(host: str, port: int) -> None:
+def check_free(host: str, port: int) -> None:
+    """Raises InputError where nothing can listen."""
+    if not 0 <= port <= LARGEST_PORT:  # of which a look-up may take the lower 16 bits, and viser waits for ever
+        raise InputError(f"--port {port}: must be from 0 to {LARGEST_PORT}; 0 for any that is free")
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
-    except (OSError, OverflowError, UnicodeError) as error:
+    except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{host}:{port}: cannot listen there ({reason}); choose another --port or --host") from None

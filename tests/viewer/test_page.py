@@ -184,6 +184,14 @@ def test_another_model_on_disk_is_shown(window: Watched, page: Page, toy_run: Pa
     check_it_shows(window, page)
 
 
+def test_a_run_that_is_gone_keeps_its_picture_and_the_panel_says_so(window: Watched, page: Page, toy_run: Path) -> None:
+    page.warn(0, "run: no such folder; the page keeps what it showed")
+    window.page.get_by_text("the page keeps what it showed").wait_for(timeout=LONG_S * 1e3)
+    check_it_shows(window, page)
+    page.replace(0, Followed(toy_run, None).load())
+    window.page.get_by_text("the page keeps what it showed").wait_for(state="detached", timeout=LONG_S * 1e3)
+
+
 def test_it_asked_nobody_else_and_nothing_went_wrong(window: Watched, page: Page) -> None:
     assert window.requests == []
     assert [e for e in window.errors if "deprecated" not in e and "GPU stall" not in e] == []

@@ -85,6 +85,7 @@ def test_a_model_less_itself_is_nothing_and_less_a_higher_one_its_height(shown: 
     same = picture((shown, shown), at_frame(shown, **both))
     assert same.scale is not None
     assert np.array_equal(np.unique(same.pixels.reshape(-1, 3), axis=0), legend(same.scale)[:1, 0])
+    assert picture((shown, shown), at_frame(shown, ribbons=True, **both)).notes == ("tracks: not over a difference",)
     deeper = picture((shown, other), at_frame(shown, layer="depth", **both))
     assert deeper.scale is not None
     lower, upper = deeper.scale.bounds

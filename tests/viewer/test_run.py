@@ -17,6 +17,7 @@ from aa4d.errors import InputError
 from aa4d.methods.model_file import read_tensors
 from aa4d.viewer.following import Followed
 from aa4d.viewer.run import check_one_capture
+from aa4d.viewer.server import serve
 
 pytest.importorskip("viser")
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1"}
@@ -57,6 +58,12 @@ def test_a_port_that_is_taken_is_one_sentence(toy_run: Path) -> None:
     assert err == (
         f"aa4d: 127.0.0.1:{port}: cannot listen there (Address already in use); choose another --port or --host\n"
     )
+
+
+@pytest.mark.parametrize("port", [-1, 65536, 99999])
+def test_a_port_that_none_can_have_is_refused(port: int) -> None:
+    with pytest.raises(InputError, match=f"--port {port}: must be from 0 to 65535"):
+        serve("127.0.0.1", port)
 
 
 def test_runs_of_two_captures_are_not_compared(toy_run: Path, tmp_path: Path) -> None:
