@@ -167,7 +167,7 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
 
     def map_all(attempt: Attempt, solve_focal: bool, tries: Path) -> list[Begun]:
         found, matched = [], start.database if solve_focal else database
-        for pair in beginnings(matched, names):
+        for pair in reversed(beginnings(matched, names)):
             options = _options(how, attempt, solve_focal, threads, seed, pair)
             models = _map(clip, matched, options, pair, tries, progress)
             found += [Begun(pair, models)] if models else []
@@ -185,13 +185,10 @@ def reconstruct(clip: Clip, matches: Matches, settings: CaptureSettings, folder:
             found = map_all(attempt, solve_focal, tries)
         if not found:
             continue
-        tried = tuple(one.tried(clip) for one in found)
-        usable = [i for i, one in enumerate(found) if one.has_usual_focal or not solve_focal]
-        enough = RICH_SHARE * max(found[i].observations for i in usable)
-        possible = [i for i in usable if found[i].observations >= enough]
-        chosen = possible[best_of([tried[i] for i in possible])]
-        if _registered(found[chosen].models) > _registered(best):
-            best, begun_from = found[chosen].models, (tried[chosen], *tried[:chosen], *tried[chosen + 1 :])
+        chosen = _best(found, solve_focal, clip)
+        if _registered(chosen.models) > _registered(best):
+            best = chosen.models
+            begun_from = tuple(one.tried(clip) for one in sorted(found, key=lambda one: one is not chosen))
         if _registered(best) >= MIN_REGISTERED_FRACTION * len(names):
             break
     if not best:
@@ -293,6 +290,14 @@ def has_usual_focal(model: Any) -> bool:
         MIN_FOCAL <= camera.mean_focal_length() / max(camera.width, camera.height) <= MAX_FOCAL
         for camera in model.cameras.values()
     )
+
+
+def _best(found: list[Begun], solve_focal: bool, clip: Clip) -> Begun:
+    """The first of those that are no worse than any: a low error of few observations says little."""
+    possible = [one for one in found if one.has_usual_focal or not solve_focal]
+    enough = RICH_SHARE * max(one.observations for one in possible)
+    rich = [one for one in possible if one.observations >= enough]
+    return rich[best_of([one.tried(clip) for one in rich])]
 
 
 def _largest(models: dict[int, Any]) -> Any:
