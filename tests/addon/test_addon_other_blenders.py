@@ -91,15 +91,19 @@ def test_file_with_splats_opens_before_5_3(
     assert 0 < len(instances) <= len(obj.data.vertices)
 
 
+# What artists do first; the slow tests do the rest.
+FIRST = f"({ESSENTIAL}) and (import or bake or drop or playback"
+
+
 def test_in_blender_5_3() -> None:
-    summary = run_tests(environment(".venv-blender53", "3.13", "5.3.*"), ESSENTIAL, 900)
-    assert int(re.findall(r"(\d+) passed", summary)[-1]) > 45
+    """With what this Blender has of its own, and what stands in for it in older ones."""
+    expression = f"{FIRST} or splats or harmonics or projected or trained_picture)"
+    summary = run_tests(environment(".venv-blender53", "3.13", "5.3.*"), expression, 900)
+    assert int(re.findall(r"(\d+) passed", summary)[-1]) > 60
 
 
 def test_in_blender_5_2() -> None:
-    """What artists do first; the slow tests do the rest."""
-    first = f"({ESSENTIAL}) and (import or bake or drop or playback)"
-    summary = run_tests(environment(".venv-blender52", "3.13", "5.2.*"), first, 600)
+    summary = run_tests(environment(".venv-blender52", "3.13", "5.2.*"), f"{FIRST})", 600)
     assert int(re.findall(r"(\d+) passed", summary)[-1]) > 20
 
 
