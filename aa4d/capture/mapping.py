@@ -267,6 +267,8 @@ def _map(
             ),
             folder,
         )
+        if two.num_points3D() < MIN_POINTS:
+            return {}
         write_model(two, Path(first))
     found: dict[int, Any] = run(
         lambda token: pycolmap.incremental_mapping(
