@@ -25,6 +25,7 @@ FLAT_SHARE = 0.5  # of the pairs: with less, COLMAP's own choice is no plane
 LOOKED_AT = 60  # pairs, of all that have enough in common
 FEWEST = 250  # points in common under one of these angles, the wider one first
 ANGLES_DEG = (1.5, 0.7)
+LEAST_ANGLE_DEG = ANGLES_DEG[-1]  # of points that mapping from such a pair takes: ahead, nearly all angles are small
 CLEARLY = 1.3  # times the better explanation's error is that of the other
 PLANE_PX = 3.0  # distance from the plane's place
 IN_FRONT = 0.9  # share of the points, for a motion that is possible
@@ -40,7 +41,6 @@ class Pair:
     files: tuple[str, str]
     rotation: Floats  # [3, 3] from the first camera to the second
     translation: Floats  # [3] unit
-    angle_deg: float  # under which enough points are seen: mapping has to take them
 
 
 def beginnings(database: Path, files: Collection[str]) -> list[Pair | None]:
@@ -81,7 +81,7 @@ def of_a_plane(database: Path, files: Collection[str]) -> Pair | None:
         wide = [int((angles >= angle_deg).sum()) for *_, angles in clear]
         if max(wide, default=0) >= FEWEST:
             pair, rotation, translation, _ = clear[int(np.argmax(wide))]
-            return Pair(pair, (file_of[pair[0]], file_of[pair[1]]), rotation, translation, angle_deg)
+            return Pair(pair, (file_of[pair[0]], file_of[pair[1]]), rotation, translation)
     return None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 
 from aa4d.capture.advice import NOTHING_RECONSTRUCTED, no_model_advice
-from aa4d.capture.beginning import FLAT_SHARE, Pair, beginnings, begun
+from aa4d.capture.beginning import FLAT_SHARE, LEAST_ANGLE_DEG, Pair, beginnings, begun
 from aa4d.capture.clip import Clip
 from aa4d.capture.colmap import is_whole_model, quiet, run, write_model
 from aa4d.capture.focal import NEARLY_ALL, Start, Tried, as_tried, best_of, find_start, held_and_freed
@@ -242,7 +242,7 @@ def _options(
     options.mapper.init_min_tri_angle = attempt.initial_angle_deg
     options.mapper.init_min_num_inliers = attempt.initial_inliers
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
-    angle_deg = attempt.point_angle_deg if pair is None else min(pair.angle_deg, attempt.point_angle_deg)
+    angle_deg = attempt.point_angle_deg if pair is None else min(LEAST_ANGLE_DEG, attempt.point_angle_deg)
     options.mapper.filter_min_tri_angle = options.triangulation.min_angle = angle_deg
     return options
 
@@ -267,6 +267,8 @@ def _map(
             ),
             folder,
         )
+        if two.num_points3D() < MIN_POINTS:
+            return {}
         write_model(two, Path(first))
     found: dict[int, Any] = run(
         lambda token: pycolmap.incremental_mapping(

@@ -296,7 +296,8 @@ def no_gaussians() -> float:
     expected = torch.tensor([0.25, 0.5, 0.75]).expand(3, 17, 3)
     assert gradients["means"].shape == (0, 3)
     empty = [image.alpha, image.depth, image.features]
-    return max(nothing_drawn(image, gradients), *(float(m.abs().max()) for m in (image.color - expected, *empty)))  # type: ignore[union-attr,operator]
+    maps = [m.detach() for m in (image.color - expected, *empty)]  # type: ignore[union-attr,operator]
+    return max(nothing_drawn(image, gradients), *(float(m.abs().max()) for m in maps))
 
 
 @PART.case(
