@@ -70,7 +70,7 @@ def test_a_training_is_one_task_however_many_panels_ask_for_it(toy: Setup) -> No
 
 
 def test_a_capture_that_no_chosen_panel_measures_on_is_refused(toy: Setup) -> None:
-    with pytest.raises(InputError, match=r"--capture .*: has no effect on raster-precision.*; leave it out"):
+    with pytest.raises(InputError, match=r"--capture .*: has no effect on .*raster-precision; leave it out"):
         choose(toy, ("raster-precision", "synthesis-traffic"))
     assert "raster-precision" in choose(toy, ("raster-precision", "training-offsets")).panels
     using = {name for name in PANELS if uses_capture(toy, panel_of(name).measurements(toy))}
