@@ -264,6 +264,21 @@ def test_the_bar_hides_after_a_click_and_stays_for_a_keyboard(seen: Watched) -> 
     page.evaluate("document.activeElement.blur()")
 
 
+def test_the_bar_hides_after_a_tap(page_file: Path, browser: Browser) -> None:
+    context = browser.new_context(viewport={"width": 400, "height": 700}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.goto(f"{page_file.as_uri()}#play=off")
+    page.wait_for_selector("body.ready", timeout=60_000)
+    page.locator("#help").tap()
+    page.locator("#about button").tap()
+    page.locator("#about").wait_for(state="hidden")
+    page.wait_for_function("() => document.activeElement === document.body")
+    page.locator("#play").tap()
+    page.wait_for_function("() => document.body.classList.contains('playing')")
+    page.wait_for_function("() => getComputedStyle(document.getElementById('bar')).opacity === '0'")
+    context.close()
+
+
 def test_whoever_has_the_focus_of_a_keyboard_shows_it(seen: Watched) -> None:
     page, rings = seen.page, {}
     page.locator("#picture").focus()

@@ -229,6 +229,10 @@ class Player {
     addEventListener("keydown", (event) => this.#key(event));
     // What a pointer has pressed neither keeps the bar in sight nor has a ring, as the focus of a keyboard does.
     addEventListener("pointerup", () => document.activeElement.blur());
+    addEventListener("click", (event) => event.detail > 0 && document.activeElement.blur()); // a tap has its focus later
+    element("about").addEventListener("close", () => {
+      if (!document.activeElement.matches(":focus-visible")) document.activeElement.blur();
+    });
     const touched = () => this.#busy();
     addEventListener("pointermove", touched);
     addEventListener("focusin", touched);
