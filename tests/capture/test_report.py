@@ -36,7 +36,7 @@ def test_what_the_command_tells(made: CaptureSummary, capsys: pytest.CaptureFixt
     world = replace(made.world, unit="metres", scale_from="satellite positions", gnss_error_m=0.344)
     tell(replace(made, folder=Path("my flight"), world=world, movers="boxes (UAVDT), 2 % of the pixels masked"))
     said = capsys.readouterr().out
-    assert "scale: metres (satellite positions, the cameras 0.34 m from theirs (median))\n" in said
+    assert "scale: meters (satellite positions, the cameras 0.34 m from theirs (median))\n" in said
     assert "movers: boxes (UAVDT), 2 % of the pixels masked\n" in said
     assert "next:    aa4d train 'my flight' --out RUN\n" in said
     assert said.count("give --fov") == 1
