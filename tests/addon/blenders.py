@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 ROOT = Path(__file__).resolve().parents[2]
 NEEDS = ("numpy", "pillow", "pytest")
@@ -31,12 +32,19 @@ def environment(name: str, python_version: str, bpy_version: str) -> Path:
         pytest.skip(f"bpy {bpy_version} needs Python {python_version}, which is neither on PATH nor in pyenv")
     folder = ROOT / name
     inside, stamp = folder / "bin" / "python", folder / "installed"
-    if not stamp.exists():
-        subprocess.run([python, "-m", "venv", "--clear", str(folder)], check=True, timeout=120)
-        install = [str(inside), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", f"bpy=={bpy_version}"]
-        done = subprocess.run([*install, *NEEDS], capture_output=True, text=True, timeout=900, check=False)
-        if done.returncode != 0:
-            shutil.rmtree(folder)
-            pytest.skip(f"bpy {bpy_version} could not be installed: {done.stderr.strip().splitlines()[-1]}")
-        stamp.touch()
+    with FileLock(ROOT / f"{name}.lock"):  # tests run side by side
+        if not stamp.exists():
+            _install(python, folder, bpy_version)
+            stamp.touch()
     return inside
+
+
+def _install(python: str, folder: Path, bpy_version: str) -> None:
+    subprocess.run([python, "-m", "venv", "--clear", str(folder)], check=True, timeout=120)
+    install = [str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    done = subprocess.run(
+        [*install, f"bpy=={bpy_version}", *NEEDS], capture_output=True, text=True, timeout=900, check=False
+    )
+    if done.returncode != 0:
+        shutil.rmtree(folder)
+        pytest.skip(f"bpy {bpy_version} could not be installed: {done.stderr.strip().splitlines()[-1]}")
