@@ -158,7 +158,7 @@ def build_scene(options: argparse.Namespace) -> None:
     stop_if_asked()
     if options.render is not None:
         if options.gaussians and options.car is None:
-            # As `aa4d render` draws it, in a tenth of the time. The .blend is saved without: it takes lights and things.
+            # As `aa4d render` draws it, in a fifth of the time. The .blend, saved without, takes lights and things.
             bpy.ops.aa4d.trained_picture(use=True)
             scene.cycles.samples = 1
         scene.render.image_settings.file_format = "PNG"
