@@ -115,7 +115,7 @@ class GraphBar:
         self.tell_what_was()
         if isinstance(event, Said):
             self._line(f"{event.task.title}: {event.text}")
-        elif isinstance(event, Finished) and not event.before:
+        elif isinstance(event, Finished):
             psnr = event.kept.result.get("psnr")
             took = "" if event.kept.seconds is None else words_of(event.kept.seconds)
             self._ended(event.task.title, f"{psnr:.2f} dB" if isinstance(psnr, float) else took)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from aa4d.capture.focal import Tried, contradicts
+from aa4d.capture.focal import Tried, contradicts, field_of_view_deg
 from aa4d.capture.horizon import Horizon
 from aa4d.capture.selection import abbreviate
 
@@ -101,7 +100,7 @@ def exif_advice(focal_share: float, focal_px: float, width: int, height: int) ->
     stated_px = focal_share * max(width, height)
     if abs(focal_px / stated_px - 1) <= OTHER_FOCAL:
         return []
-    stated, found = (math.degrees(2 * math.atan(0.5 * width / px)) for px in (stated_px, focal_px))
+    stated, found = (field_of_view_deg(width, px) for px in (stated_px, focal_px))
     what = (
         f"EXIF says a field of view of {stated:.0f} degrees, and the frames gave {found:.0f}: heights are doubtful. "
         f"Give --fov {stated:.0f} to hold it, if the pictures are uncut."

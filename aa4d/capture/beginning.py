@@ -18,14 +18,14 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from aa4d.capture.advice import FLAT
 from aa4d.capture.colmap import opened
 
-PLANE = ("PLANAR", "PANORAMIC", "PLANAR_OR_PANORAMIC")  # kinds of two-view geometry, by COLMAP's names
-FLAT_SHARE = 0.5  # of the pairs: with less, COLMAP's own choice is no plane
+FLAT_SHARE = 0.5  # Share of the pairs: with less, COLMAP's own choice is no plane
 LOOKED_AT = 60  # pairs, of all that have enough in common
 FEWEST = 250  # points in common under one of these angles, the wider one first
 ANGLES_DEG = (1.5, 0.7)
-LEAST_ANGLE_DEG = ANGLES_DEG[-1]  # of points that mapping from such a pair takes: ahead, nearly all angles are small
+LEAST_ANGLE_DEG = ANGLES_DEG[-1]  # Mapping from such a pair takes points from here on: ahead, most angles are small
 CLEARLY = 1.3  # times the better explanation's error is that of the other
 PLANE_PX = 3.0  # distance from the plane's place
 IN_FRONT = 0.9  # share of the points, for a motion that is possible
@@ -50,7 +50,7 @@ def beginnings(database: Path, files: Collection[str]) -> list[Pair | None]:
 
 
 def of_a_plane(database: Path, files: Collection[str]) -> Pair | None:
-    """Of the pairs that one motion explains clearly better than any other, that with most points under a wide angle.
+    """The pair with most points under a wide angle, of those that one motion explains clearly better than any other.
 
     None where no pair has FEWEST, or where most show more than a plane, so that COLMAP's own choice is as good.
     """
@@ -65,7 +65,7 @@ def of_a_plane(database: Path, files: Collection[str]) -> Pair | None:
             if len(geometry.inlier_matches) and set(pair) <= file_of.keys()
         ]
         kinds = [pycolmap.TwoViewGeometryConfiguration(geometry.config).name for _, geometry in common]
-        if sum(kind in PLANE for kind in kinds) <= FLAT_SHARE * len(common):
+        if sum(kind in FLAT for kind in kinds) <= FLAT_SHARE * len(common):
             return None
         enough = [(pair, g.inlier_matches) for pair, g in common if len(g.inlier_matches) >= FEWEST]
         chosen = enough[:: max(len(enough) // LOOKED_AT, 1)]
@@ -134,7 +134,7 @@ def _angles_deg(one: Floats, other: Floats, rotation: Floats) -> Floats:
 
 
 def begun(pair: Pair, database: Path) -> Any:
-    """A pycolmap.Reconstruction of the two frames, without points."""
+    """A pycolmap.Reconstruction of the two frames, without points. Raises OSError where the disk is full."""
     with opened(database) as stored:
         camera = stored.read_all_cameras()[0]
     model = pycolmap.Reconstruction()

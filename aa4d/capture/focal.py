@@ -102,7 +102,7 @@ def find_start(
     part = probed_frames(names, settings.window)
     if camera.has_prior_focal_length or len(part) < FEWEST_PROBED:
         return Start(database)
-    usual = f"{_degrees(camera.width, camera.mean_focal_length()):.0f} degrees"
+    usual = f"{field_of_view_deg(camera.width, camera.mean_focal_length()):.0f} degrees"
     tried: list[Tried] = []
     models: list[Any] = []
 
@@ -118,7 +118,7 @@ def find_start(
             focal_px = 0.5 * max(camera.width, camera.height) / math.tan(math.radians(degrees) / 2)
             tries = folder / f"start-{degrees:.0f}"
             model = map_part(with_focal(database, focal_px, tries.with_suffix(".db")), part, tries)
-            keep(f"{_degrees(camera.width, focal_px):.0f} degrees", model)
+            keep(f"{field_of_view_deg(camera.width, focal_px):.0f} degrees", model)
     if not tried:
         return Start(database)
     chosen = best_of(tried)
@@ -180,7 +180,7 @@ def contradicts(held: Tried, freed: Tried) -> bool:
 
 def as_tried(start: str, model: Any) -> Tried:
     error, camera = float(model.compute_mean_reprojection_error()), next(iter(model.cameras.values()))
-    return Tried(start, _degrees(camera.width, camera.mean_focal_length()), model.num_reg_images(), error)
+    return Tried(start, field_of_view_deg(camera.width, camera.mean_focal_length()), model.num_reg_images(), error)
 
 
 def _agree(one: Tried, other: Tried) -> bool:
@@ -225,5 +225,6 @@ def with_focal(database: Path, focal_px: float, target: Path) -> Path:
     return target
 
 
-def _degrees(width: int, focal_px: float) -> float:
+def field_of_view_deg(width: int, focal_px: float) -> float:
+    """Horizontal, of pictures that are `width` pixels wide."""
     return math.degrees(2 * math.atan(0.5 * width / focal_px))

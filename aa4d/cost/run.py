@@ -61,13 +61,13 @@ def choose(setup: Setup, names: tuple[str, ...] | None) -> Chosen:
     if not measurements:
         name, reason = next(iter(left_out.items()))
         raise InputError(f"no panel can be measured here; {name}: {reason}")
-    if setup.capture is not None and not any(uses_capture(setup, its) for its in measurements.values()):
+    if setup.capture is not None and not uses_capture(setup, sum(measurements.values(), ())):
         raise InputError(f"--capture {setup.capture}: has no effect on {', '.join(measurements)}; leave it out")
     return Chosen(panels, measurements, left_out)
 
 
 def uses_capture(setup: Setup, measurements: tuple[Measurement, ...]) -> bool:
-    """Whether measurements, or what they need, depend on the capture that `setup` names."""
+    """True where measurements, or what they need, depend on the capture that `setup` names."""
     assert setup.capture is not None
     digest = read_capture(setup.capture).identity.digest()
     tasks = in_order(measurement.task for measurement in measurements)
