@@ -6,6 +6,7 @@ import errno
 import json
 import shutil
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 
 import pycolmap
 import pytest
+from PIL import Image
 
 from aa4d.capture import colmap
 from aa4d.capture.focal import map_globally
@@ -21,6 +23,7 @@ from aa4d.capture.mapping import adopt_step
 from aa4d.capture.summary import CaptureSummary
 from aa4d.capture.workspace import Workspace
 from aa4d.errors import InputError
+from tests.capture import aerial
 from tests.capture.making import clip_of
 
 
@@ -98,3 +101,26 @@ def test_a_global_mapper_that_fails_on_a_full_disk_is_no_verdict_on_the_footage(
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=800_000))
     with pytest.raises(OSError, match="less than 4 MiB are free"):
         map_globally(tmp_path / "empty.db", tmp_path, ["a.png"], 0, 1, tmp_path / "found")
+
+
+def test_a_full_disk_is_told_and_leaves_no_capture(tmp_path: Path) -> None:
+    """The real thing: the process may write no file beyond 30 kB."""
+    images = aerial.pictures(aerial.arc())
+    source = aerial.write(tmp_path / "frames", images)
+    (source / "frame_0003.png").unlink()
+    Image.fromarray(images[3]).save(source / "frame_0003.bmp")  # has to be written anew
+    program = (
+        "import resource, signal, sys\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "from aa4d.commands.capture import capture\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))\n"
+        "from aa4d.cli import main\n"
+        f"sys.argv = ['aa4d', 'capture', {str(source)!r}, '--out', {str(tmp_path / 'capture')!r}]\n"
+        "main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2, ended.stderr
+    assert "no space is left on the disk" in ended.stderr
+    assert "run the same command again" in ended.stderr
+    assert not (tmp_path / "capture/capture.json").exists()
+    assert (tmp_path / "capture/work/frames.part").exists()  # from which it goes on

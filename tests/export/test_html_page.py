@@ -276,6 +276,8 @@ def test_the_bar_hides_after_a_tap(page_file: Path, browser: Browser) -> None:
     page.locator("#play").tap()
     page.wait_for_function("() => document.body.classList.contains('playing')")
     page.wait_for_function("() => getComputedStyle(document.getElementById('bar')).opacity === '0'")
+    assert page.evaluate("document.activeElement === document.body")
+    assert page.evaluate("getComputedStyle(document.getElementById('bar')).opacity") == "0"
     context.close()
 
 
