@@ -31,7 +31,7 @@ class Render(NamedTuple):
     """How the pictures of one row are rendered."""
 
     look: str
-    samples: int  # of each pixel: one where nothing is left to chance, a few for ellipsoids, many for splats
+    samples: int  # Samples of each pixel: one where nothing is left to chance, a few for ellipsoids, many for splats
     trained_picture: bool
     seen_from: str = "CAPTURE"  # or FROZEN, at the mean of the capture's cameras
     harmonics: int = 0  # degree

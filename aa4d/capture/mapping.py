@@ -25,7 +25,7 @@ MIN_FRAMES = 3  # with fewer, a model is not worth keeping
 MIN_POINTS = 30
 MIN_REGISTERED_FRACTION = 0.5  # fraction of the frames: with less, mapping is tried again with the relaxed thresholds
 OWN_CHOICE = "COLMAP's own choice"
-RICH_SHARE = 0.25  # of the observations of the richest: with less, a low error says little
+RICH_SHARE = 0.25  # Share of the richest model's observations: with less, a low error says little
 PARALLAX_DEG = 0.5  # median angle under which a point is seen; less is a camera that only turns
 
 
@@ -47,7 +47,7 @@ MIN_FOCAL, MAX_FOCAL = 0.42, 4.0
 
 @dataclass(frozen=True)
 class Begun:
-    """What mapping came to from a pair of frames."""
+    """Models that mapping made, begun from a pair of frames."""
 
     pair: Pair | None  # None: COLMAP's own choice
     models: dict[int, Any]

@@ -50,7 +50,7 @@ class DensitySchedule:
 class AnchorDensification(DensitySchedule):
     """Growing and pruning of anchors, all [Scaffold-GS], their schedule too, unless marked."""
 
-    gradient_threshold: Positive = 2e-4  # of the screen-space gradient, normalized device units
+    gradient_threshold: Positive = 2e-4  # screen-space gradient, normalized device units
     seen_share: Share = 0.8  # of an interval's iterations, before a statistic counts
     min_opacity: Share = 0.005  # mean sum over an anchor's Gaussians, below which it is pruned
     levels: Annotated[int, Range(1, 8)] = 3  # of voxels that anchors grow into

@@ -169,7 +169,7 @@ def nearest(name: str, names: Iterable[str]) -> str | None:
 
 
 def repeated(values: Iterable[Any]) -> str | None:
-    """What is wrong with a list that is a set, in words: an entry that stands there twice; None where all differ."""
+    """A sentence on the first entry that a list without repeats has twice; None where all differ."""
     seen: list[Any] = []
     for value in values:
         if value in seen:

@@ -94,7 +94,7 @@ class Page:
             self._layer.options = self._layers()
 
     def warn(self, index: int, trouble: str) -> None:
-        """What is on disk of a model can no longer be read."""
+        """Show that a model can no longer be read from the disk, and why."""
         self._troubles[index] = trouble
         self._title.content = self._about()
 

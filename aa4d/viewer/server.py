@@ -32,7 +32,7 @@ def serve(host: str, port: int) -> Server:
 
 def check_free(host: str, port: int) -> None:
     """Raises InputError where nothing can listen."""
-    if not 0 <= port <= LARGEST_PORT:  # of which a look-up may take the lower 16 bits, and viser waits for ever
+    if not 0 <= port <= LARGEST_PORT:  # A look-up may take the lower 16 bits of more, and viser waits for ever
         raise InputError(f"--port {port}: must be from 0 to {LARGEST_PORT}; 0 for any that is free")
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]

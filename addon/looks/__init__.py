@@ -4,7 +4,7 @@ import bpy
 
 from .. import materials
 
-VERSION = 9  # of the node groups
+VERSION = 9  # Version of the node groups
 # From 5.3 on Blender draws Gaussians itself. Files go from one Blender to another: the group of one that knows the look
 # is not taken for that of one that does not.
 SPLATS_KNOWN = hasattr(bpy.types, "GeometryNodePointsSetType")

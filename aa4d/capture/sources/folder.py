@@ -72,7 +72,7 @@ def of_one_lens(files: list[Path], notes: list[str]) -> tuple[list[Path], float 
 
 
 def _lens(photograph: Path) -> tuple[str, ...] | None:
-    """What EXIF says of the camera and its focal length; None where it says nothing of the latter."""
+    """The camera and its focal length by EXIF; None where EXIF says nothing of the latter."""
     try:
         with Image.open(photograph) as image:
             exif = image.getexif()

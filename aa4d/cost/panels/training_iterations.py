@@ -7,7 +7,7 @@ from aa4d.cost.training import MEASURED, PRESET, training_panel
 from aa4d.methods.adaanchor4d.settings import PRESETS, AdaAnchor4DSettings
 from aa4d.methods.settings import with_iterations
 
-SHARES = {"quick": (1 / 16, 1 / 8, 1 / 4, 1), "full": (1 / 8, 1 / 4, 1 / 2, 1)}  # of the default's iterations
+SHARES = {"quick": (1 / 16, 1 / 8, 1 / 4, 1), "full": (1 / 8, 1 / 4, 1 / 2, 1)}  # shares of the default's
 LONGER = {"quick": (), "full": ("standard", "paper")}  # presets
 
 

@@ -15,7 +15,7 @@ Units = Annotated[int, Range(0, 10_000_000)]
 class CloneAndSplit(DensitySchedule):
     """All 3DGS's, in the model's frame, where its "extent" is 1: the scene's depth."""
 
-    gradient_threshold: Positive = 2e-4  # of the screen-space gradient, normalized device units
+    gradient_threshold: Positive = 2e-4  # screen-space gradient, normalized device units
     largest_clone: Positive = 0.01  # scale above which a Gaussian is split
     min_opacity: Share = 0.005  # below which a Gaussian goes
     prune_above: Units = 0  # with no more Gaussians than that, none goes for being transparent
