@@ -226,5 +226,5 @@ def with_focal(database: Path, focal_px: float, target: Path) -> Path:
 
 
 def field_of_view_deg(width: int, focal_px: float) -> float:
-    """Horizontal, of pictures that are `width` pixels wide."""
+    """Horizontal field of view in degrees, of pictures `width` pixels wide with a focal length in pixels."""
     return math.degrees(2 * math.atan(0.5 * width / focal_px))
